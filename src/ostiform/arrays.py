@@ -1,0 +1,75 @@
+"""Checked, read-only arrays: what the frozen values that travel between stages hold."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ostiform.errors import InputError
+
+__all__ = ["BoolArray", "FloatArray", "IntArray", "frozen_floats", "frozen_ints", "frozen_mapping"]
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+K = TypeVar("K")
+T = TypeVar("T")
+
+
+def frozen_floats(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
+    """Return finite values as a read-only C-contiguous float64 array of a given shape.
+
+    Parameters
+    ----------
+    values : array_like
+        The values; copied unless they are already a read-only float64 array.
+    shape : tuple of int or None
+        The expected shape; ``None`` where any length will do.
+    name : str
+        What the array is, for the error message.
+
+    Raises
+    ------
+    InputError
+        If the shape differs or a value is not finite.
+    """
+    array: FloatArray = _frozen(values, np.float64, shape, name)
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))
+        raise InputError(
+            f"{name}: expected finite numbers, found {len(bad)} that are NaN or infinite, "
+            f"the first at index {tuple(int(i) for i in bad[0])}"
+        )
+    return array
+
+
+def frozen_ints(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> IntArray:
+    """Return values as a read-only C-contiguous int64 array of a given shape.
+
+    Parameters and errors are those of `frozen_floats`.
+    """
+    array: IntArray = _frozen(values, np.int64, shape, name)
+    return array
+
+
+def frozen_mapping(items: Mapping[K, T]) -> Mapping[K, T]:
+    """Return a read-only copy of a mapping, in the same order."""
+    return MappingProxyType(dict(items))
+
+
+def _frozen(values: ArrayLike, dtype: Any, shape: tuple[int | None, ...], name: str) -> Any:
+    array = np.asarray(values)
+    if array.dtype != dtype or array.flags.writeable or not array.flags.c_contiguous:
+        array = np.array(array, dtype=dtype, order="C")
+        array.flags.writeable = False
+    fits = array.ndim == len(shape) and all(
+        expected is None or found == expected
+        for found, expected in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if n is None else str(n) for n in shape)
+        raise InputError(f"{name}: expected an array of shape ({wanted}), found {array.shape}")
+    return array

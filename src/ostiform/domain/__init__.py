@@ -1,0 +1,12 @@
+"""The base domain: spheres, circles, seams, their layout, and the template (HY 2.1, 2.2)."""
+
+from ostiform.domain.types import (
+    BaseDomain,
+    Circle,
+    Sphere,
+    Template,
+    TemplateLevel,
+    tangent_frame,
+)
+
+__all__ = ["BaseDomain", "Circle", "Sphere", "Template", "TemplateLevel", "tangent_frame"]

@@ -1,0 +1,203 @@
+"""The base domain: unit spheres, the circles of the ostia on them, and the seams (HY 2.1)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ostiform.arrays import (
+    FloatArray,
+    IntArray,
+    frozen_floats,
+    frozen_ints,
+    frozen_mapping,
+)
+from ostiform.surface import Seam
+
+__all__ = ["BaseDomain", "Circle", "Sphere", "Template", "TemplateLevel", "tangent_frame"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Circle:
+    """A circle on the unit sphere: the image of an ostium's rim or of a seam.
+
+    Angles about the circle are counter-clockwise seen from outside, in `tangent_frame(center)`.
+    The rim of an ostium (surface on the left, the hole inside the circle) therefore runs with
+    *decreasing* angle; a seam (second part on the left and inside) with *increasing* angle.
+
+    Attributes
+    ----------
+    center : (3,) float64
+        Unit vector.
+    radius : float
+        Angular radius in radians; pi / 2 is a great circle.
+    phase : float
+        Angle in radians at which arc-length zero of the loop starts.
+    """
+
+    center: FloatArray
+    radius: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Normalise the centre."""
+        center = frozen_floats(self.center, (3,), "circle centre")
+        object.__setattr__(
+            self, "center", frozen_floats(center / np.linalg.norm(center), (3,), "circle centre")
+        )
+
+    def points(self, angles: FloatArray) -> FloatArray:
+        """Return the points of the circle at angles (n,) in radians, as unit vectors (n, 3)."""
+        e1, e2 = tangent_frame(self.center)
+        return (
+            np.cos(self.radius) * self.center
+            + np.sin(self.radius) * (np.cos(angles)[..., None] * e1)
+            + np.sin(self.radius) * (np.sin(angles)[..., None] * e2)
+        )
+
+    def angles(self, points: FloatArray) -> FloatArray:
+        """Return the angle about the circle's centre, in (-pi, pi], of unit vectors (n, 3)."""
+        e1, e2 = tangent_frame(self.center)
+        angles: FloatArray = np.arctan2(points @ e2, points @ e1)
+        return angles
+
+
+def tangent_frame(center: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return e1, e2 that make (e1, e2, center) a right-handed orthonormal frame.
+
+    At the poles e1 is +x; elsewhere e1 is the direction of the projection of +z (towards the
+    north pole), so that frames of the same centre always agree.
+    """
+    axis = np.array([0.0, 0.0, 1.0]) if abs(center[2]) < 1.0 - 1e-9 else np.array([1.0, 0.0, 0.0])
+    e1 = axis - (axis @ center) * center
+    e1 = e1 / np.linalg.norm(e1)
+    return e1, np.cross(center, e1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sphere:
+    """The component sphere of one component: where its rims and seams lie.
+
+    Attributes
+    ----------
+    name : str
+        The component's name.
+    parts : tuple of str
+        Its parts, in study order.
+    rims : mapping of str to Circle
+        By full ostium name; the open hole is inside the circle.
+    seams : mapping of Seam to Circle
+        The part of `Seam.second` is inside the circle. A single seam is the equator about +z.
+    pole : str or None
+        Full name of the ostium the stereographic pole is put in (a rim, or either side of a
+        seam); None for a closed component.
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    rims: Mapping[str, Circle]
+    seams: Mapping[Seam, Circle]
+    pole: str | None
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        object.__setattr__(self, "rims", frozen_mapping(self.rims))
+        object.__setattr__(self, "seams", frozen_mapping(self.seams))
+
+    @property
+    def curves(self) -> Mapping[str, Circle]:
+        """Every circle by name: rims, then seams (by the full name of `Seam.first`)."""
+        return {**self.rims, **{seam.first: circle for seam, circle in self.seams.items()}}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseDomain:
+    """The base domain of a study: one sphere per component, given once for the population."""
+
+    spheres: tuple[Sphere, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Template:
+    """A triangulation of the base domain, the same for every shape (HY end of 2.2).
+
+    Attributes
+    ----------
+    points : (P, 3) float64
+        Unit vectors on the point's component sphere.
+    sphere : (P,) int64
+        Index of the component sphere each point lies on.
+    part : (P,) int64
+        Index into `parts`; a seam point carries the part of `Seam.first`.
+    faces : (F, 3) int64
+        Counter-clockwise seen from outside.
+    face_part : (F,) int64
+        Index into `parts`.
+    parts : tuple of str
+        All parts of the study, in study order.
+    curve : (P,) int64
+        Index into `curves` of the circle the point lies on exactly, -1 in the interior.
+    curves : tuple of str
+        Names of the circles: full ostium names; a seam by `Seam.first`.
+    loops : mapping of str to (n,) int64
+        Points of each ostium's rim in order, surface of that part on the left. A seam point is
+        stored once and listed in both parts' loops (``"LV.mitral"`` and ``"LA.mitral"``).
+    levels : tuple of TemplateLevel
+        Nested coarser triangulations of subsets of the points, coarsest first (HY: the
+        multi-resolution property).
+    """
+
+    points: FloatArray
+    sphere: IntArray
+    part: IntArray
+    faces: IntArray
+    face_part: IntArray
+    parts: tuple[str, ...]
+    curve: IntArray
+    curves: tuple[str, ...]
+    loops: Mapping[str, IntArray]
+    levels: tuple["TemplateLevel", ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        count = len(self.points)
+        object.__setattr__(self, "points", frozen_floats(self.points, (None, 3), "points"))
+        for name in ("sphere", "part", "curve"):
+            object.__setattr__(self, name, frozen_ints(getattr(self, name), (count,), name))
+        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
+        object.__setattr__(
+            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
+        )
+        object.__setattr__(
+            self,
+            "loops",
+            frozen_mapping(
+                {n: frozen_ints(loop, (None,), f"loop {n}") for n, loop in self.loops.items()}
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TemplateLevel:
+    """A coarser triangulation of some of a template's points.
+
+    Attributes
+    ----------
+    index : (Q,) int64
+        The template points of the level.
+    faces : (F, 3) int64
+        Triangles, indices into `index`.
+    face_part : (F,) int64
+    """
+
+    index: IntArray
+    faces: IntArray
+    face_part: IntArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        object.__setattr__(self, "index", frozen_ints(self.index, (None,), "index"))
+        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
+        object.__setattr__(
+            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
+        )

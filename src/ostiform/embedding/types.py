@@ -1,0 +1,171 @@
+"""What an embedding is, and the evidence that it is free of folds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ostiform.arrays import FloatArray, frozen_floats, frozen_mapping
+from ostiform.surface import Component, Seam
+
+__all__ = ["Certificate", "Distortion", "Embedding", "EmbeddingState", "SeamJump"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """The evidence that a map to the sphere is an embedding (design 3, step 4).
+
+    Attributes
+    ----------
+    flipped, degenerate : int
+        Triangles whose exact orientation predicate against the sphere's centre is negative, zero.
+    area_defect : float
+        Relative difference between the sum of the spherical triangle areas and the area of the
+        domain (the sphere without the rim polygons); the map has degree one when it is small.
+    rim_error : float
+        Largest angular distance of a rim or seam vertex from its circle, radians.
+    hole_order : tuple of str
+        Rims and further seams in cyclic order about the pole, starting from the first by name.
+    twist : mapping of str to float
+        Angle in radians swept about each circle's centre by the image of the shortest path from
+        the rim's arc-length zero to the tube's base, less that of the straight path.
+    problems : tuple of str
+        One sentence per violated condition; empty for a certified map.
+    """
+
+    flipped: int
+    degenerate: int
+    area_defect: float
+    rim_error: float
+    hole_order: tuple[str, ...]
+    twist: Mapping[str, float]
+    problems: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "twist", frozen_mapping(self.twist))
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether every condition holds."""
+        return not self.problems
+
+
+@dataclass(frozen=True, slots=True)
+class SeamJump:
+    """How far the map is from G1 across a seam (design 3).
+
+    Attributes
+    ----------
+    mean, p95 : float
+        Edge-length-weighted mean and 95 % of the relative jump of the co-normal derivative,
+        ``|g+ - g-| / ((|g+| + |g-|) / 2)``.
+    floor_mean : float
+        The same mean on interior edge loops ten degrees either side: the mesh's own floor.
+    kink : float
+        Edge-length-weighted mean of ``|g+| / |g-|``; a mean or a mode is G1 where it does not
+        vary between shapes.
+    shear : float
+        Edge-length-weighted mean of the angle in radians between g+ and g-.
+    """
+
+    mean: float
+    p95: float
+    floor_mean: float
+    kink: float
+    shear: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Distortion:
+    """Angle and area distortion of a map, weighted by area on the surface.
+
+    Attributes
+    ----------
+    angle_mean, angle_median, angle_p99 : float
+        Ratio of the singular values of the map, 1 for a conformal map.
+    area_p01, area_p99 : float
+        Share of the domain over share of the surface, 1st and 99th percentile.
+    circle_ratio : mapping of str to float
+        Radius of each rim's circle over the radius the opening gets in the hole-filled conformal
+        map; the harmonic map is folded above about 2.
+    seam_jump : mapping of Seam to SeamJump
+    """
+
+    angle_mean: float
+    angle_median: float
+    angle_p99: float
+    area_p01: float
+    area_p99: float
+    circle_ratio: Mapping[str, float]
+    seam_jump: Mapping[Seam, SeamJump]
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        object.__setattr__(self, "circle_ratio", frozen_mapping(self.circle_ratio))
+        object.__setattr__(self, "seam_jump", frozen_mapping(self.seam_jump))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EmbeddingState:
+    """One step on the way to an embedding, kept for the report (HY Fig. 2).
+
+    Attributes
+    ----------
+    name : str
+        ``"tutte"``, ``"opened"``, ``"untangled"``, ``"smoothed"``, ``"harmonic"``, ...
+    directions : (V, 3) float64
+        Unit vectors.
+    flipped : int
+        Triangles not positively oriented.
+    seconds : float
+    """
+
+    name: str
+    directions: FloatArray
+    flipped: int
+    seconds: float
+
+    def __post_init__(self) -> None:
+        """Make the array read-only."""
+        object.__setattr__(
+            self, "directions", frozen_floats(self.directions, (None, 3), "directions")
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Embedding:
+    """The map of one component of one shape to its component sphere.
+
+    Attributes
+    ----------
+    component : Component
+        The mesh that was mapped (after hygiene), in input coordinates.
+    directions : (V, 3) float64
+        Unit vectors; rim vertices lie on their circles, seam vertices on theirs.
+    rotations : mapping of str to float
+        Angle on its circle, in radians, of the first vertex of each rim and seam.
+    certificate : Certificate
+    distortion : Distortion
+    states : tuple of EmbeddingState
+        The steps in order; the last equals `directions`.
+    method : str
+        ``"barrier"``, ``"harmonic-barrier"`` or ``"harmonic"``.
+    seconds : float
+    """
+
+    component: Component
+    directions: FloatArray
+    rotations: Mapping[str, float]
+    certificate: Certificate
+    distortion: Distortion
+    states: tuple[EmbeddingState, ...]
+    method: str
+    seconds: float
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        object.__setattr__(
+            self,
+            "directions",
+            frozen_floats(self.directions, (len(self.component.vertices), 3), "directions"),
+        )
+        object.__setattr__(self, "rotations", frozen_mapping(self.rotations))

@@ -1,0 +1,43 @@
+"""One shape of a study: the parts of one subject at one phase."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ostiform.arrays import frozen_mapping
+from ostiform.surface import Seam, Surface
+
+__all__ = ["Shape", "ShapeId"]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class ShapeId:
+    """Who and when: names exactly as in the study, and the time as a fraction of the cycle."""
+
+    subject: str
+    phase: str
+    time: float
+
+    def __str__(self) -> str:
+        """Return ``subject/phase``."""
+        return f"{self.subject}/{self.phase}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """The parts of one subject at one phase, in input coordinates.
+
+    Attributes
+    ----------
+    id : ShapeId
+    parts : mapping of str to Surface
+        In study order, millimetres, LPS. Both sides of a seam hold the same positions.
+    seams : tuple of Seam
+    """
+
+    id: ShapeId
+    parts: Mapping[str, Surface]
+    seams: tuple[Seam, ...]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "parts", frozen_mapping(self.parts))
