@@ -3,10 +3,19 @@
 from ostiform.domain.types import (
     BaseDomain,
     Circle,
+    ConformalHoles,
     Sphere,
     Template,
     TemplateLevel,
     tangent_frame,
 )
 
-__all__ = ["BaseDomain", "Circle", "Sphere", "Template", "TemplateLevel", "tangent_frame"]
+__all__ = [
+    "BaseDomain",
+    "Circle",
+    "ConformalHoles",
+    "Sphere",
+    "Template",
+    "TemplateLevel",
+    "tangent_frame",
+]

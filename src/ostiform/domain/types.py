@@ -14,7 +14,15 @@ from ostiform.arrays import (
 )
 from ostiform.surface import Seam
 
-__all__ = ["BaseDomain", "Circle", "Sphere", "Template", "TemplateLevel", "tangent_frame"]
+__all__ = [
+    "BaseDomain",
+    "Circle",
+    "ConformalHoles",
+    "Sphere",
+    "Template",
+    "TemplateLevel",
+    "tangent_frame",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,11 +57,9 @@ class Circle:
     def points(self, angles: FloatArray) -> FloatArray:
         """Return the points of the circle at angles (n,) in radians, as unit vectors (n, 3)."""
         e1, e2 = tangent_frame(self.center)
-        return (
-            np.cos(self.radius) * self.center
-            + np.sin(self.radius) * (np.cos(angles)[..., None] * e1)
-            + np.sin(self.radius) * (np.sin(angles)[..., None] * e2)
-        )
+        towards = np.cos(angles)[..., None] * e1 + np.sin(angles)[..., None] * e2  # (n, 3)
+        points: FloatArray = np.cos(self.radius) * self.center + np.sin(self.radius) * towards
+        return points
 
     def angles(self, points: FloatArray) -> FloatArray:
         """Return the angle about the circle's centre, in (-pi, pi], of unit vectors (n, 3)."""
@@ -201,3 +207,31 @@ class TemplateLevel:
         object.__setattr__(
             self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConformalHoles:
+    """Where the openings of one shape's component lie when its holes are filled conformally.
+
+    All in the frame of the component sphere: the seam (or the pole's circle) about +z, rotated
+    about it so that the map agrees best with the shape in the population's aligned pose.
+
+    Attributes
+    ----------
+    directions : mapping of str to (3,) float64
+        Unit vector of each hole's centre, by curve name (rims except the pole, further seams).
+    radii : mapping of str to float
+        Angular radius of each hole, radians.
+    """
+
+    directions: Mapping[str, FloatArray]
+    radii: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        object.__setattr__(
+            self,
+            "directions",
+            frozen_mapping({n: frozen_floats(d, (3,), n) for n, d in self.directions.items()}),
+        )
+        object.__setattr__(self, "radii", frozen_mapping(self.radii))
