@@ -1,7 +1,6 @@
 """Checked, read-only arrays: what the frozen values that travel between stages hold."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -57,7 +56,28 @@ def frozen_ints(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
 
 def frozen_mapping(items: Mapping[K, T]) -> Mapping[K, T]:
     """Return a read-only copy of a mapping, in the same order."""
-    return MappingProxyType(dict(items))
+    return items if isinstance(items, _FrozenMapping) else _FrozenMapping(items)
+
+
+class _FrozenMapping(Mapping[K, T]):
+    """A mapping without a way to change it, which travels between processes."""
+
+    __slots__ = ("_items",)
+
+    def __init__(self, items: Mapping[K, T]) -> None:
+        self._items = dict(items)
+
+    def __getitem__(self, key: K) -> T:
+        return self._items[key]
+
+    def __iter__(self) -> Iterator[K]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __repr__(self) -> str:
+        return repr(self._items)
 
 
 def _frozen(values: ArrayLike, dtype: Any, shape: tuple[int | None, ...], name: str) -> Any:

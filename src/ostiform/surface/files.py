@@ -1,0 +1,130 @@
+"""Reading triangle meshes from files, and writing them."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.atomic import atomically
+from ostiform.errors import InputError
+from ostiform.surface.legacy_vtk import read_legacy_vtk
+from ostiform.surface.plain_formats import read_obj, read_ply, read_stl
+from ostiform.surface.raw_mesh import Array, RawMesh
+from ostiform.surface.write_vtp import vtp_bytes
+from ostiform.surface.xml_vtk import read_xml_vtk
+
+__all__ = ["MESH_SUFFIXES", "read_mesh", "without_duplicate_vertices", "write_surface"]
+
+_READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
+    ".vtp": read_xml_vtk,
+    ".vtk": read_legacy_vtk,
+    ".vtu": read_xml_vtk,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".obj": read_obj,
+}
+
+MESH_SUFFIXES = tuple(_READERS)
+
+
+def read_mesh(path: Path) -> RawMesh:
+    """Read a triangle mesh from a VTP, VTK, VTU, PLY, STL or OBJ file.
+
+    Legacy VTK files may hold POLYDATA or an UNSTRUCTURED_GRID. Points and lines are ignored,
+    triangle strips become triangles, other polygons fans of triangles (`RawMesh.notes` says so).
+    The vertices of an STL file, which has no connectivity, are merged where their positions are
+    exactly equal. Nothing else is repaired.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, damaged, of another kind, or holds cells that are not
+        flat or coordinates that are not finite.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in _READERS:
+        raise InputError(
+            f"{path}: expected a mesh file ending in {', '.join(MESH_SUFFIXES)}, "
+            f"found {suffix or 'no ending'}"
+        )
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: expected a mesh file, found none: check the path") from None
+    except OSError as error:
+        raise InputError(
+            f"{path}: expected a mesh file, found one that cannot be read ({error.strerror})"
+        ) from None
+    if not content:
+        raise InputError(f"{path}: expected a mesh, found an empty file")
+    try:
+        with np.errstate(invalid="ignore", over="ignore"):  # refused by RawMesh
+            mesh = _READERS[suffix](content)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (ValueError, OverflowError) as error:
+        # Words that should be numbers are found by NumPy, deep inside a reader.
+        raise InputError(
+            f"{path}: expected numbers where the {suffix[1:].upper()} format has them, found other "
+            f"text ({error}): export the file again"
+        ) from None
+    return without_duplicate_vertices(mesh) if suffix == ".stl" else mesh
+
+
+def without_duplicate_vertices(mesh: RawMesh) -> RawMesh:
+    """Return the mesh with vertices of exactly equal positions merged, the first one kept."""
+    _, first, inverse = np.unique(
+        mesh.vertices + 0.0, axis=0, return_index=True, return_inverse=True
+    )
+    if len(first) == len(mesh.vertices):
+        return mesh
+    kept = np.sort(first)
+    rank = np.searchsorted(kept, first)
+    return RawMesh(
+        vertices=mesh.vertices[kept],
+        faces=rank[inverse.reshape(-1)][mesh.faces],
+        point_data={name: values[kept] for name, values in mesh.point_data.items()},
+        cell_data=mesh.cell_data,
+        space=mesh.space,
+        notes=mesh.notes,
+    )
+
+
+def write_surface(
+    path: Path,
+    vertices: FloatArray,
+    faces: IntArray,
+    point_data: Mapping[str, Array] | None = None,
+    cell_data: Mapping[str, Array] | None = None,
+) -> None:
+    """Write a surface as VTP (float64, LPS, compressed), whole or not at all.
+
+    Equal surfaces give equal bytes. The field array ``SPACE`` says LPS, as 3D Slicer does.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in ``.vtp``; its folder is made.
+    vertices : (V, 3) float64, mm
+        In the LPS frame.
+    faces : (F, 3) int64
+    point_data, cell_data : mapping of str to array
+        Arrays of V and F items.
+
+    Raises
+    ------
+    InputError
+        If the path does not end in ``.vtp`` or an array has the wrong length.
+    ArtifactError
+        If the file cannot be written.
+    """
+    if path.suffix.lower() != ".vtp":
+        raise InputError(f"{path}: expected a name ending in .vtp, found {path.suffix or 'none'}")
+    try:
+        mesh = RawMesh(vertices, faces, point_data or {}, cell_data or {}, "LPS")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    content = vtp_bytes(mesh)
+    with atomically(path) as partial:
+        partial.write_bytes(content)

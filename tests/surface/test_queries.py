@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+from star_shapes import closed_domain, star_embedding
+
+from ostiform.errors import InputError
+from ostiform.surface import closest_points, distances_to_surface, surface_distance, surface_tree
+
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def ball(radius, n=2000):
+    one = star_embedding(closed_domain().spheres[0], lambda u: np.full(len(u), radius), n)
+    return one.component.vertices, one.component.faces
+
+
+def test_distances_from_a_square_are_known():
+    points = np.array([[0.5, 0.5, 2.0], [2.0, 0.5, 0.0], [-3.0, -4.0, 0.0], [0.25, 0.75, 0.0]])
+    np.testing.assert_allclose(
+        distances_to_surface(points, SQUARE, SQUARE_FACES), [2.0, 1.0, 5.0, 0.0], atol=1e-14
+    )
+
+
+def test_closest_points_are_the_combination_of_their_corners(rng):
+    vertices, faces = ball(10.0, 300)
+    found = closest_points(surface_tree(vertices, faces), 12 * rng.normal(size=(500, 3)))
+    points = np.einsum("nk,nkd->nd", found.barycentric, vertices[faces[found.faces]])
+    np.testing.assert_allclose(points, found.points, atol=1e-9)
+    assert (found.barycentric >= 0).all()
+
+
+def test_the_tree_finds_what_a_dense_sampling_of_the_surface_finds(rng):
+    vertices, faces = ball(10.0, 100)
+    weights = rng.dirichlet([1, 1, 1], size=(len(faces), 400))
+    cloud = np.einsum("fsk,fkd->fsd", weights, vertices[faces]).reshape(-1, 3)
+    for point in 15 * rng.normal(size=(20, 3)):
+        exact = distances_to_surface(point[None], vertices, faces)[0]
+        sampled = np.linalg.norm(cloud - point, axis=1).min()
+        assert exact - 1e-12 <= sampled <= exact + 0.2
+
+
+def test_concentric_spheres_are_as_far_apart_as_their_radii():
+    vertices, faces = ball(10.0)
+    outer, outer_faces = ball(12.0)
+    distance = surface_distance(vertices, faces, surface_tree(outer, outer_faces))
+    # Both are polyhedra: their faces sag by about edge^2 / (8 r) = 0.02.
+    np.testing.assert_allclose([distance.mean, distance.p95], 2.0, atol=0.03)
+    assert distance.p95 <= distance.maximum
+
+
+def test_the_mean_distance_integrates_over_the_area():
+    # Distance z from the plane at z = 0 over the unit square lifted by z = x: its integral is 1/2.
+    lifted = SQUARE + SQUARE[:, [1, 1, 0]] * [0, 0, 1]
+    plane = surface_tree(SQUARE * 10 - [5, 5, 0], SQUARE_FACES)
+    distance = surface_distance(lifted, SQUARE_FACES, plane)
+    np.testing.assert_allclose(distance.mean, 0.5, rtol=1e-12)
+    np.testing.assert_allclose(distance.maximum, 1.0, rtol=1e-12)
+
+
+def test_distances_scale_with_the_surfaces(rng):
+    vertices, faces = ball(10.0, 200)
+    points = 15 * rng.normal(size=(50, 3))
+    one = distances_to_surface(points, vertices, faces)
+    np.testing.assert_allclose(distances_to_surface(7 * points, 7 * vertices, faces), 7 * one)
+
+
+def test_triangles_without_area_are_met_at_a_corner():
+    flat = surface_tree(np.zeros((3, 3)), np.array([[0, 1, 2]]))
+    found = closest_points(flat, np.array([[3.0, 4.0, 0.0]]))
+    np.testing.assert_allclose(found.distances, 5.0)
+    np.testing.assert_allclose(found.barycentric.sum(), 1.0)
+
+
+def test_no_queries_give_no_answers_and_no_faces_are_refused():
+    assert len(closest_points(surface_tree(SQUARE, SQUARE_FACES), np.zeros((0, 3))).points) == 0
+    with pytest.raises(InputError, match="at least one triangle"):
+        surface_tree(SQUARE, np.zeros((0, 3), dtype=np.int64))
