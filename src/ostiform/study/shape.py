@@ -32,11 +32,14 @@ class Shape:
     parts : mapping of str to Surface
         In study order, millimetres, LPS. Both sides of a seam hold the same positions.
     seams : tuple of Seam
+    repairs : tuple of str
+        What reading changed, one sentence each; empty where the files were used as they are.
     """
 
     id: ShapeId
     parts: Mapping[str, Surface]
     seams: tuple[Seam, ...]
+    repairs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the mapping read-only."""

@@ -1,0 +1,135 @@
+"""The demonstration population: dynamic left hearts with exactly known correspondence."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ostiform.arrays import FloatArray
+from ostiform.errors import InputError
+from ostiform.study.extraction import canonical_points, extract
+from ostiform.study.implicit import Anatomy
+from ostiform.study.leftheart import left_heart, random_heart_subject
+from ostiform.study.shape import ShapeId
+from ostiform.study.truth import Truth, write_truth
+from ostiform.surface import write_surface
+
+__all__ = ["demonstration_truth", "write_demonstration", "write_population"]
+
+DEFAULT_EDGE_MM = 1.9
+"""About 4,000 vertices on the LV and 2,600 on the LA."""
+_TIME_JITTER = 0.15
+"""Phases are unevenly timed, by up to this share of the mean interval."""
+
+
+def write_demonstration(
+    folder: Path,
+    subjects: int = 4,
+    shapes: int = 34,
+    seed: int = 2004,
+    edge_mm: float = DEFAULT_EDGE_MM,
+) -> Path:
+    """Write a population of dynamic left hearts as an ordinary study, with its truth beside.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist. Receives ``study.toml``, ``shapes.csv``, ``shapes/*.vtp`` and
+        ``truth/truth.json``.
+    subjects, shapes : int
+        The shapes are shared out over the subjects as evenly as possible.
+    seed : int
+        Everything random follows from it.
+    edge_mm : float
+        Mean edge length of the meshes, mm.
+
+    Returns
+    -------
+    Path
+        Of ``study.toml``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer shapes than subjects, or no subject.
+    """
+    return write_population(folder, demonstration_truth(subjects, shapes, seed), edge_mm)
+
+
+def demonstration_truth(subjects: int = 4, shapes: int = 34, seed: int = 2004) -> Truth:
+    """Return the parameters of the demonstration population, without making any mesh.
+
+    Raises
+    ------
+    InputError
+        If there are fewer shapes than subjects, or no subject.
+    """
+    if not 1 <= subjects <= shapes:
+        raise InputError(
+            f"demonstration: expected at least one subject and one shape for each, found "
+            f"{subjects} subjects and {shapes} shapes; ask for more shapes"
+        )
+    deformations = {}
+    for index, child in enumerate(np.random.SeedSequence(seed).spawn(subjects)):
+        rng = np.random.default_rng(child)
+        subject = random_heart_subject(rng)
+        phases = shapes // subjects + (index < shapes % subjects)
+        jitter = rng.uniform(-_TIME_JITTER, _TIME_JITTER, size=phases)
+        jitter[0] = 0.0
+        for phase, time in enumerate((np.arange(phases) + jitter) / phases):
+            shape_id = ShapeId(f"S{index + 1}", f"{phase:02d}", round(float(time), 6))
+            deformations[shape_id] = subject.deformation(shape_id.time)
+    return Truth(seed, left_heart(), deformations)
+
+
+def write_population(folder: Path, truth: Truth, edge_mm: float) -> Path:
+    """Mesh every shape of a truth and write it as a study.
+
+    Parameters and result are those of `write_demonstration`; any anatomy and deformations serve.
+    """
+    folder = Path(folder)
+    (folder / "shapes").mkdir(parents=True, exist_ok=True)
+    canonical = canonical_points(truth.anatomy, edge_mm)
+    children = np.random.SeedSequence([truth.seed, 1]).spawn(len(truth.deformations))
+    rows = []
+    rims: dict[str, list[FloatArray]] = {}
+    for child, (shape_id, deformation) in zip(children, truth.deformations.items(), strict=True):
+        rng = np.random.default_rng(child)
+        parts = extract(truth.anatomy, deformation, edge_mm, rng, canonical)
+        row = [shape_id.subject, shape_id.phase, repr(shape_id.time)]
+        for part, surface in parts.items():
+            name = f"shapes/{shape_id.subject}_{shape_id.phase}_{part}.vtp"
+            write_surface(folder / name, surface.vertices, surface.faces)
+            row.append(name)
+            for ostium, loop in surface.loops.items():
+                centroid = surface.vertices[loop].mean(axis=0)
+                rims.setdefault(f"{part}.{ostium}", []).append(centroid)
+        rows.append(row)
+    with (folder / "shapes.csv").open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["subject", "phase", "time", *truth.anatomy.seeds])
+        table.writerows(rows)
+    write_truth(truth, folder / "truth" / "truth.json")
+    study = folder / "study.toml"
+    study.write_text(_study_text(truth.anatomy, rims), encoding="utf-8")
+    return study
+
+
+def _study_text(anatomy: Anatomy, rims: Mapping[str, list[FloatArray]]) -> str:
+    lines = ["schema = 1", 'units = "mm"', 'frame = "LPS"']
+    seams = [cut for cut in anatomy.cuts if cut.second is not None]
+    if seams:
+        lines.append(f'pole = "{seams[0].first}"')
+    for part in anatomy.seeds:
+        ostia = ", ".join(f'"{name}"' for name, _, _ in anatomy.part_cuts(part))
+        lines += ["", f"[parts.{part}]", f"ostia = [{ostia}]"]
+    for seam in seams:
+        lines += ["", "[[seams]]", f'first = "{seam.first}"', f'second = "{seam.second}"']
+    lines += ["", "[shapes]", 'sheet = "shapes.csv"', "", "[ostia.points]"]
+    for name, centroids in rims.items():
+        point = ", ".join(f"{value:.1f}" for value in np.mean(centroids, axis=0))
+        lines.append(f'"{name}" = [{point}]')
+    lines += ["", "[alignment]", 'mode = "rigid"', 'per = "subject"']
+    lines += ["", "[evaluation]", 'truth = "truth/truth.json"', ""]
+    return "\n".join(lines)

@@ -1,0 +1,263 @@
+"""From the file of one part to an oriented surface with loops, some of them named already."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray, frozen_mapping
+from ostiform.errors import InputError, TopologyError
+from ostiform.study.naming import loop_facts
+from ostiform.study.settings import StudySettings
+from ostiform.surface import (
+    RawMesh,
+    boundary_loops,
+    connected_components,
+    face_areas,
+    genus,
+    opened_by_value,
+    read_mesh,
+    split_ostium_name,
+    without_unreferenced,
+)
+from ostiform.surface.intersections import crossing_triangles
+from ostiform.surface.loop_filling import filled_loops
+from ostiform.surface.repair import MendedMesh, counted, mended_mesh, outward_mesh
+
+__all__ = ["OpenPart", "close_loops", "internal_factors", "open_part"]
+
+_MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+_TO_LPS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}
+_LARGEST_STRAY_SHARE = 0.1
+"""Pieces beside the largest are dropped only while they hold less than a tenth of the area."""
+
+_NICK = 0.25
+"""A loop beyond those expected is a nick below this share of the shortest expected perimeter."""
+_NICK_OF_FEW_EDGES = 0.4
+_FEW_EDGES = 8
+"""With so few edges it may be somewhat longer: coarse meshes have coarse nicks."""
+_NICK_OF_CLOSED = 0.25
+"""Where no opening is expected: the share of the square root of the area."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenPart:
+    """One part with its loops, some of them named already.
+
+    Attributes
+    ----------
+    file : Path
+        Where it was read from.
+    vertices : (V, 3) float64, mm
+        In LPS.
+    faces : (F, 3) int64
+        Counter-clockwise seen from outside.
+    loops : tuple of (n,) int64
+        The boundary loops.
+    known : mapping of str to int
+        Loops named already, by ostium.
+    repairs : tuple of str
+        What was changed on the way, one sentence each.
+    """
+
+    file: Path
+    vertices: FloatArray
+    faces: IntArray
+    loops: tuple[IntArray, ...]
+    known: Mapping[str, int]
+    repairs: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "known", frozen_mapping(self.known))
+
+
+def internal_factors(settings: StudySettings) -> FloatArray:
+    """Return the factors (3,) from the files' units and frame to millimetres in LPS.
+
+    RAS to LPS turns by 180 degrees about the third axis, so orientation is kept.
+    """
+    return _MILLIMETRES[settings.units] * np.array(_TO_LPS[settings.frame])
+
+
+def open_part(settings: StudySettings, part: str, file: Path) -> OpenPart:
+    """Read one part and mend, open, orient and check its surface.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or needs repair where the study allows none.
+    TopologyError
+        If the part is not one oriented manifold surface of genus 0.
+    """
+    try:
+        mesh = read_mesh(file)
+        _check_frame(settings, mesh)
+        return opened_part(settings, part, file, mesh)
+    except (InputError, TopologyError) as error:
+        where = "" if str(file) in str(error) else f" ({file})"
+        raise type(error)(f"{part}{where}: {error}") from None
+
+
+def opened_part(settings: StudySettings, part: str, file: Path, mesh: RawMesh) -> OpenPart:
+    """Mend, open, orient and check the surface of one part.
+
+    Errors are those of `open_part`, without the file.
+    """
+    mended = mended_mesh(_unmended(mesh, internal_factors(settings)))
+    mended, rims = _without_caps(settings, part, mesh, mended)
+    mended = outward_mesh(_largest_piece(mended))
+    handles = genus(mended.faces)
+    if handles:
+        raise TopologyError(
+            f"expected a surface without handles, found genus {handles} "
+            f"({counted(handles, 'handle')}): surfaces with handles cannot be embedded yet, close "
+            "them first"
+        )
+    kept, faces = without_unreferenced(mended.faces, len(mended.vertices))
+    loops = boundary_loops(faces)
+    known = {
+        ostium: _loop_of_cap(ostium, loops, np.searchsorted(kept, rim))
+        for ostium, rim in rims.items()
+    }
+    opened = OpenPart(file, mended.vertices[kept], faces, loops, known, mended.repairs)
+    opened = _without_nicks(opened, len(settings.parts[part].ostia))
+    if opened.repairs and not settings.repair:
+        raise InputError(
+            "expected a surface that needs no repair (repair = false), found one that needs: "
+            f"{'; '.join(opened.repairs)}: set repair = true or mend the file"
+        )
+    return replace(opened, repairs=(*opened.repairs, *_crossings(opened)))
+
+
+def close_loops(opened: OpenPart, chosen: IntArray, repair: str) -> OpenPart:
+    """Return the part with some of its loops (indices) closed."""
+    if not len(chosen):
+        return opened
+    vertices, faces = filled_loops(
+        opened.vertices, opened.faces, [opened.loops[k] for k in chosen.tolist()]
+    )
+    loops = boundary_loops(faces)
+    first = {int(loop[0]): k for k, loop in enumerate(loops)}
+    known = {name: first[int(opened.loops[k][0])] for name, k in opened.known.items()}
+    return replace(
+        opened,
+        vertices=vertices,
+        faces=faces,
+        loops=loops,
+        known=known,
+        repairs=(*opened.repairs, repair),
+    )
+
+
+def _check_frame(settings: StudySettings, mesh: RawMesh) -> None:
+    if mesh.space is not None and mesh.space != settings.frame:
+        raise InputError(
+            f"expected the frame {settings.frame} of the study, found a file that states "
+            f"{mesh.space}: set frame, or convert the file"
+        )
+
+
+def _unmended(mesh: RawMesh, factors: FloatArray) -> MendedMesh:
+    n_unused = len(mesh.vertices) - len(np.unique(mesh.faces))
+    unused = f"dropped {counted(n_unused, 'vertex', 'vertices')} of no triangle"
+    return MendedMesh(
+        mesh.vertices * factors,
+        mesh.faces,
+        np.arange(len(mesh.faces)),
+        (*mesh.notes, *((unused,) if n_unused else ())),
+    )
+
+
+def _without_caps(
+    settings: StudySettings, part: str, mesh: RawMesh, mended: MendedMesh
+) -> tuple[MendedMesh, Mapping[str, IntArray]]:
+    caps = {
+        split_ostium_name(name)[1]: value
+        for name, value in settings.caps.items()
+        if split_ostium_name(name)[0] == part
+    }
+    if not caps:
+        return mended, {}
+    array = str(settings.shapes.open["array"])
+    if array not in mesh.cell_data:
+        found = ", ".join(mesh.cell_data) or "none"
+        hint = " (it is a point array)" if array in mesh.point_data else ""
+        raise InputError(
+            f"expected the cell array {array} of shapes.open, found the cell arrays {found}{hint}"
+        )
+    values = mesh.cell_data[array]
+    own = np.where(mended.source >= 0, values[mended.source], np.nan)
+    opened = opened_by_value(mended.faces, own, caps)
+    is_wall = ~np.isin(own, list(caps.values()))
+    return replace(mended, faces=opened.faces, source=mended.source[is_wall]), opened.rims
+
+
+def _largest_piece(mesh: MendedMesh) -> MendedMesh:
+    piece = connected_components(mesh.faces)
+    if not piece.any():
+        return mesh
+    area = np.bincount(piece, weights=face_areas(mesh.vertices, mesh.faces))
+    largest = int(area.argmax())
+    share = 1.0 - area[largest] / area.sum()
+    if share > _LARGEST_STRAY_SHARE:
+        raise TopologyError(
+            f"expected one connected surface, found {len(area)} pieces, {100 * share:.0f} % of the "
+            "area outside the largest: keep the right one or join them"
+        )
+    is_stray = piece != largest
+    repair = (
+        f"dropped {counted(int(is_stray.sum()), 'triangle')} in "
+        f"{counted(len(area) - 1, 'stray piece')}"
+    )
+    return MendedMesh(
+        mesh.vertices, mesh.faces[~is_stray], mesh.source[~is_stray], (*mesh.repairs, repair)
+    )
+
+
+def _loop_of_cap(ostium: str, loops: tuple[IntArray, ...], rim: IntArray) -> int:
+    found = [k for k, loop in enumerate(loops) if np.isin(loop, rim).all()]
+    if len(found) != 1 or len(loops[found[0]]) != len(rim):
+        raise TopologyError(
+            f"expected the cap of {ostium} to leave one opening, found {len(found)} loops round "
+            f"its {len(rim)} rim vertices"
+        )
+    return found[0]
+
+
+def _without_nicks(opened: OpenPart, n_expected: int) -> OpenPart:
+    """Close loops beyond those expected that are tiny beside them."""
+    perimeters = np.array([loop_facts(opened.vertices, loop).perimeter for loop in opened.loops])
+    n_edges = np.array([len(loop) for loop in opened.loops])
+    is_free = np.ones(len(perimeters), dtype=np.bool_)
+    is_free[list(opened.known.values())] = False
+    order = np.flatnonzero(is_free)[np.argsort(perimeters[is_free], kind="stable")]
+    extra = order[: max(len(perimeters) - n_expected, 0)]
+    others = np.setdiff1d(np.arange(len(perimeters)), extra)
+    if n_expected and len(others):
+        shortest = float(perimeters[others].min())
+        is_tiny = (perimeters[extra] < _NICK * shortest) | (
+            (n_edges[extra] <= _FEW_EDGES) & (perimeters[extra] < _NICK_OF_FEW_EDGES * shortest)
+        )
+    else:
+        length = float(np.sqrt(face_areas(opened.vertices, opened.faces).sum()))
+        is_tiny = perimeters[extra] < _NICK_OF_CLOSED * length
+    nicks = extra[is_tiny]
+    sizes = ", ".join(
+        f"{n_edges[k]} edges, {perimeters[k]:.2g} mm round, at "
+        f"[{', '.join(f'{x:.4g}' for x in loop_facts(opened.vertices, opened.loops[k]).center)}]"
+        for k in nicks.tolist()
+    )
+    return close_loops(opened, nicks, f"closed {counted(len(nicks), 'tiny hole')} ({sizes})")
+
+
+def _crossings(opened: OpenPart) -> tuple[str, ...]:
+    pairs = crossing_triangles(opened.vertices, opened.faces)
+    if not len(pairs):
+        return ()
+    where = opened.vertices[opened.faces[pairs[0, 0]]].mean(axis=0)
+    return (
+        f"left {counted(len(pairs), 'pair')} of triangles that pass through each other, the first "
+        f"at [{', '.join(f'{x:.4g}' for x in where)}] mm",
+    )

@@ -1,0 +1,158 @@
+"""From the files of one shape to its surfaces: oriented, opened, named and sewn at the seams."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ostiform.arrays import FloatArray
+from ostiform.errors import InputError, TopologyError
+from ostiform.study.naming import loop_facts, named_loops
+from ostiform.study.parts import OpenPart, internal_factors, open_part
+from ostiform.study.settings import StudySettings
+from ostiform.study.shape import Shape
+from ostiform.study.study import ShapeEntry, Study
+from ostiform.surface import Seam, Surface, split_ostium_name
+from ostiform.surface.seams import default_tolerance, loop_gap, sewn_seam
+
+__all__ = ["read_shape"]
+
+
+def read_shape(study: Study, entry: ShapeEntry) -> Shape:
+    """Read the parts of one shape and make them surfaces with named openings.
+
+    Positions become millimetres in LPS, faces counter-clockwise seen from outside; flaws of the
+    meshes are mended (and said so in `Shape.repairs`), caps are opened, loops named, and the rims
+    at seams given the same vertices.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, damaged or of another frame, the loops do not fit the ostia, or the
+        rims of a seam do not coincide.
+    TopologyError
+        If a part is not one oriented manifold surface of genus 0.
+    """
+    settings = study.settings
+    try:
+        for part in settings.parts:
+            if part not in entry.files:
+                raise InputError(f"expected a file for the part {part}, found none")
+        opened = {part: open_part(settings, part, entry.files[part]) for part in settings.parts}
+        known = _known_by_seams(settings, opened)
+        surfaces = {
+            part: _named(settings, entry, part, opened[part], known[part])
+            for part in settings.parts
+        }
+        surfaces, seam_repairs = _sewn(settings, surfaces)
+    except (InputError, TopologyError) as error:
+        raise type(error)(f"shape {entry.id}: {error}") from None
+    repairs = [f"{part}: {repair}" for part in settings.parts for repair in opened[part].repairs]
+    return Shape(entry.id, surfaces, settings.seam_pairs, (*repairs, *seam_repairs))
+
+
+def _known_by_seams(
+    settings: StudySettings, opened: Mapping[str, OpenPart]
+) -> dict[str, dict[str, int]]:
+    """Name the loops of a seam where just one loop of each of its two parts coincide."""
+    known = {part: dict(opened[part].known) for part in opened}
+    for seam in settings.seam_pairs:
+        (first, first_ostium), (second, second_ostium) = (
+            split_ostium_name(name) for name in (seam.first, seam.second)
+        )
+        rivals = [s for s in settings.seam_pairs if _same_parts(s, seam)]
+        if first == second or len(rivals) > 1:
+            continue
+        pairs = _coincident_pairs(settings, opened[first], opened[second])
+        if len(pairs) == 1:
+            known[first].setdefault(first_ostium, pairs[0][0])
+            known[second].setdefault(second_ostium, pairs[0][1])
+    return known
+
+
+def _same_parts(one: Seam, two: Seam) -> bool:
+    parts = [
+        {split_ostium_name(seam.first)[0], split_ostium_name(seam.second)[0]} for seam in (one, two)
+    ]
+    return parts[0] == parts[1]
+
+
+def _coincident_pairs(
+    settings: StudySettings, first: OpenPart, second: OpenPart
+) -> list[tuple[int, int]]:
+    pairs = []
+    for k, one in enumerate(first.loops):
+        for l, two in enumerate(second.loops):
+            here, there = first.vertices[one], second.vertices[two]
+            tolerance = settings.welding.tolerance_mm or default_tolerance(here, there)
+            reach = np.ptp(here, axis=0).max() + tolerance
+            if np.abs(here.mean(axis=0) - there.mean(axis=0)).max() > reach:
+                continue
+            if loop_gap(here, there) <= tolerance:
+                pairs.append((k, l))
+    return pairs
+
+
+def _named(
+    settings: StudySettings,
+    entry: ShapeEntry,
+    part: str,
+    opened: OpenPart,
+    known: Mapping[str, int],
+) -> Surface:
+    as_in_file = opened.vertices / internal_factors(settings)
+    facts = [loop_facts(as_in_file, loop) for loop in opened.loops]
+    diagonal = float(np.linalg.norm(np.ptp(as_in_file, axis=0)))
+    points = _rough_points(settings, entry, part)
+    try:
+        named = named_loops(
+            settings.parts[part].ostia, facts, known, points, diagonal, settings.units
+        )
+    except InputError as error:
+        raise InputError(f"{part} ({entry.files[part]}): {error}") from None
+    return Surface(
+        opened.vertices, opened.faces, {name: opened.loops[k] for name, k in named.items()}
+    )
+
+
+def _rough_points(settings: StudySettings, entry: ShapeEntry, part: str) -> dict[str, FloatArray]:
+    stated = {
+        **settings.ostia.points,
+        **settings.ostia.shapes.get(entry.id.subject, {}),
+        **settings.ostia.shapes.get(str(entry.id), {}),
+    }
+    return {
+        split_ostium_name(name)[1]: np.array(point)
+        for name, point in stated.items()
+        if split_ostium_name(name)[0] == part
+    }
+
+
+def _sewn(
+    settings: StudySettings, surfaces: Mapping[str, Surface]
+) -> tuple[dict[str, Surface], list[str]]:
+    sewn, repairs = dict(surfaces), []
+    for seam in settings.seam_pairs:
+        (first, first_ostium), (second, second_ostium) = (
+            split_ostium_name(name) for name in (seam.first, seam.second)
+        )
+        label = f"seam {seam.first} = {seam.second}"
+        if first == second:
+            raise TopologyError(
+                f"{label}: expected a seam between two parts, found one that joins {first} to "
+                "itself: surfaces with handles cannot be embedded yet"
+            )
+        one, two = sewn[first], sewn[second]
+        tolerance = settings.welding.tolerance_mm or default_tolerance(
+            one.vertices[one.loops[first_ostium]], two.vertices[two.loops[second_ostium]]
+        )
+        try:
+            result = sewn_seam(one, first_ostium, two, second_ostium, tolerance)
+        except InputError as error:
+            raise InputError(f"{label}: {error}") from None
+        sewn[first], sewn[second] = result.first, result.second
+        if result.moved_mm > 0.0 or result.n_inserted:
+            repairs.append(
+                f"{label}: moved rim vertices by up to {result.moved_mm:.3g} mm and inserted "
+                f"{result.n_inserted}"
+            )
+    return sewn, repairs

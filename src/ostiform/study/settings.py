@@ -1,0 +1,368 @@
+"""The settings of a study: what ``study.toml`` may say, checked."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ostiform.errors import InputError
+from ostiform.surface import Seam
+
+__all__ = [
+    "AlignmentSettings",
+    "CircleSettings",
+    "CorrespondenceSettings",
+    "DomainSettings",
+    "EmbeddingSettings",
+    "EvaluationSettings",
+    "OstiaSettings",
+    "PartSettings",
+    "SeamSettings",
+    "ShapesSettings",
+    "StudySettings",
+    "TemplateSettings",
+    "WeldingSettings",
+    "parsed_settings",
+    "read_settings",
+]
+
+Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
+Point: TypeAlias = tuple[Finite, Finite, Finite]
+Name: TypeAlias = Annotated[str, Field(min_length=1, pattern=r"^[^\s./\\{}=+][^./\\{}=+]*$")]
+"""Part and ostium names; ``.``, ``+`` and ``=`` join names, ``/`` would be a group in HDF5."""
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PartSettings(_Settings):
+    """One part: the names of its openings (none for a closed surface)."""
+
+    ostia: tuple[Name, ...] = ()
+
+
+class SeamSettings(_Settings):
+    """Two ostia that are one curve, written ``"PART.OSTIUM"``."""
+
+    first: str
+    second: str
+
+
+class CircleSettings(_Settings):
+    """A circle of the base domain given by hand.
+
+    `frame` says on which sphere: the component sphere, or the sphere of the ostium's part alone
+    (HY 2.1), whose north pole is the seam.
+    """
+
+    center: Point
+    radius_deg: Annotated[float, Field(gt=0.0, lt=180.0)]
+    phase_deg: Finite = 0.0
+    frame: Literal["component", "part"] = "component"
+
+
+class DomainSettings(_Settings):
+    """The base domain: circles by full ostium name; those not given are laid out."""
+
+    circles: dict[str, CircleSettings] = {}
+
+
+class ShapesSettings(_Settings):
+    """Where the shapes come from.
+
+    Exactly one of `pattern` (named fields ``{subject}``, ``{phase}``, ``{part}``; ``*`` matches
+    anything; ``/`` steps into folders) and `sheet` (a CSV or XLSX file) is given. File names are
+    relative to `folder`, which is relative to the study file's folder. `open` makes openings by
+    deleting cells: ``array`` is the name of a cell array, every other key an ostium and its
+    value. `times` gives phases as fractions of the cycle.
+    """
+
+    pattern: str | None = None
+    sheet: str | None = None
+    folder: str = "."
+    on_error: Literal["skip", "stop"] = "skip"
+    open: dict[str, str | int | float] = {}
+    times: dict[str, Annotated[float, Field(ge=0.0, lt=1.0)]] = {}
+
+
+class OstiaSettings(_Settings):
+    """Rough positions of ostia, in the units and frame of the files.
+
+    `points` holds for every shape; `shapes` for one shape (``"SUBJECT/PHASE"``) or all shapes of
+    a subject (``"SUBJECT"``), where it comes first.
+    """
+
+    points: dict[str, Point] = {}
+    shapes: dict[str, dict[str, Point]] = {}
+
+
+class WeldingSettings(_Settings):
+    """How far apart the two rims of a seam may be: default a quarter of their median edge."""
+
+    tolerance_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+
+
+class EmbeddingSettings(_Settings):
+    """How a component is mapped to its sphere."""
+
+    method: Literal["barrier", "harmonic-barrier", "harmonic"] = "barrier"
+
+
+class TemplateSettings(_Settings):
+    """The number of points that every shape is resampled at, about."""
+
+    points: Annotated[int, Field(ge=50)] = 2500
+
+
+class CorrespondenceSettings(_Settings):
+    """How the shapes are put into correspondence.
+
+    `noise_mm` is the standard deviation per coordinate below which variation is noise; default
+    0.2 times the median input edge.
+    """
+
+    optimiser: Literal["majorise", "conjugate-gradient"] = "majorise"
+    levels: Annotated[int, Field(ge=1, le=8)] = 4
+    noise_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class AlignmentSettings(_Settings):
+    """How poses are removed; `per` defaults to subject where a subject has several phases."""
+
+    mode: Literal["rigid", "similarity", "none"] = "rigid"
+    per: Literal["subject", "shape"] | None = None
+
+
+class EvaluationSettings(_Settings):
+    """What is measured.
+
+    `truth` is the file of the true correspondence of a generated population, relative to the
+    study file.
+    """
+
+    modes: Annotated[int, Field(ge=1)] = 10
+    specificity_samples: Annotated[int, Field(ge=1)] = 1000
+    truth: str | None = None
+
+
+class StudySettings(_Settings):
+    """Everything that ``study.toml`` says.
+
+    `seed` is that of everything random but the correspondence, which has its own. `repair` says
+    whether flaws of the meshes are mended or refused.
+    """
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    units: Literal["mm", "cm", "m"] = "mm"
+    frame: Literal["LPS", "RAS"] = "LPS"
+    pole: str | None = None
+    repair: bool = True
+    seed: Annotated[int, Field(ge=0)] = 0
+    parts: Annotated[dict[Name, PartSettings], Field(min_length=1)]
+    seams: tuple[SeamSettings, ...] = ()
+    shapes: ShapesSettings
+    ostia: OstiaSettings = OstiaSettings()
+    welding: WeldingSettings = WeldingSettings()
+    domain: DomainSettings = DomainSettings()
+    embedding: EmbeddingSettings = EmbeddingSettings()
+    template: TemplateSettings = TemplateSettings()
+    correspondence: CorrespondenceSettings = CorrespondenceSettings()
+    alignment: AlignmentSettings = AlignmentSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """The parts in study order."""
+        return tuple(self.parts)
+
+    @property
+    def ostium_names(self) -> tuple[str, ...]:
+        """All ostia by full name, in study order; a seam counts twice."""
+        return tuple(f"{part}.{o}" for part, listed in self.parts.items() for o in listed.ostia)
+
+    @property
+    def seam_pairs(self) -> tuple[Seam, ...]:
+        """The seams as values."""
+        return tuple(Seam(seam.first, seam.second) for seam in self.seams)
+
+    @property
+    def caps(self) -> dict[str, float]:
+        """The cap values of `ShapesSettings.open` by full ostium name."""
+        return {
+            _full_name(name, self.parts): float(value)
+            for name, value in self.shapes.open.items()
+            if name != "array"
+        }
+
+
+def read_settings(path: Path) -> StudySettings:
+    """Read and check a study file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not TOML, or a key is unknown, missing or wrong; every problem is
+        named with its key.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: expected a study file, found none: check the path") from None
+    except OSError as error:
+        raise InputError(
+            f"{path}: expected a study file, found one that cannot be read ({error.strerror})"
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{path}: expected text in UTF-8, found other bytes: save the file as UTF-8"
+        ) from None
+    return parsed_settings(text, path.name)
+
+
+def parsed_settings(text: str, source: str = "study.toml") -> StudySettings:
+    """Return the settings that a text in TOML states; errors name the key after `source`.
+
+    Raises
+    ------
+    InputError
+        As `read_settings`.
+    """
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: expected TOML, found a mistake: {error}") from None
+    try:
+        settings = StudySettings.model_validate(content)
+    except ValidationError as error:
+        problems = [_described(item) for item in error.errors(include_url=False)]
+        raise InputError(f"{source}: {'; '.join(problems)}") from None
+    if problems := _contradictions(settings):
+        raise InputError(f"{source}: {'; '.join(problems)}")
+    return settings
+
+
+def _described(item: Any) -> str:
+    key = ""
+    for step in item["loc"]:
+        if isinstance(step, int):
+            key += f"[{step}]"
+        elif step == "[key]":
+            key += " (its name)"
+        elif not _is_alternative(str(step)):
+            key += f".{_quoted(str(step))}" if key else _quoted(str(step))
+    kind, context = item["type"], item.get("ctx", {})
+    if kind == "extra_forbidden":
+        return f"{key}: unknown key: check its spelling and its table"
+    if kind == "missing":
+        return f"{key}: expected this key, found none"
+    if kind == "literal_error":
+        return f"{key}: expected {context['expected']}, found {_shown(item['input'])}"
+    if kind == "string_pattern_mismatch":
+        return (
+            f"{key}: expected a name without spaces at its start and none of . / \\ {{ }} = +, "
+            f"found {_shown(item['input'])}"
+        )
+    message = item["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    message = message[:1].lower() + message[1:]
+    return f"{key}: expected {message}, found {_shown(item['input'])}"
+
+
+def _is_alternative(step: str) -> bool:
+    """Whether a step of the location is a member of a union, not a key of the file."""
+    return step in ("str", "int", "float") or "[" in step
+
+
+def _quoted(key: str) -> str:
+    return key if key.replace("_", "").replace("-", "").isalnum() else f'"{key}"'
+
+
+def _shown(value: Any) -> str:
+    text = f'"{value}"' if isinstance(value, str) else str(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _full_name(name: str, parts: dict[str, PartSettings]) -> str:
+    """Return the full name of an ostium that may be written without its part."""
+    owners = [part for part, listed in parts.items() if name in listed.ostia]
+    return f"{owners[0]}.{name}" if len(owners) == 1 else name
+
+
+def _contradictions(settings: StudySettings) -> list[str]:
+    return [
+        *_part_problems(settings),
+        *_seam_problems(settings),
+        *_shapes_problems(settings),
+        *_ostium_problems(settings),
+    ]
+
+
+def _part_problems(settings: StudySettings) -> list[str]:
+    return [
+        f"parts.{part}.ostia: expected different names, found {name} more than once"
+        for part, listed in settings.parts.items()
+        for name in sorted({n for n in listed.ostia if listed.ostia.count(n) > 1})
+    ]
+
+
+def _seam_problems(settings: StudySettings) -> list[str]:
+    problems = []
+    used: dict[str, str] = {}
+    for index, seam in enumerate(settings.seams):
+        for side, name in (("first", seam.first), ("second", seam.second)):
+            key = f"seams[{index}].{side}"
+            if name not in settings.ostium_names:
+                problems.append(
+                    f'{key}: expected "PART.OSTIUM" with a part named in [parts] and one of its '
+                    f"ostia, found {_shown(name)}"
+                )
+            elif name in used:
+                problems.append(
+                    f"{key}: expected an ostium of no other seam, found {_shown(name)} of "
+                    f"{used[name]}"
+                )
+            used.setdefault(name, key)
+    return problems
+
+
+def _shapes_problems(settings: StudySettings) -> list[str]:
+    shapes = settings.shapes
+    problems = []
+    if (shapes.pattern is None) == (shapes.sheet is None):
+        found = "none" if shapes.pattern is None else "both"
+        problems.append(f"shapes: expected one of the keys pattern and sheet, found {found}")
+    if shapes.open:
+        if not isinstance(shapes.open.get("array"), str):
+            problems.append("shapes.open.array: expected the name of a cell array")
+        for name, value in shapes.open.items():
+            if name == "array":
+                continue
+            key = f"shapes.open.{_quoted(name)}"
+            if _full_name(name, settings.parts) not in settings.ostium_names:
+                problems.append(f"{key}: expected an ostium of [parts], found {_shown(name)}")
+            if isinstance(value, str):
+                problems.append(f"{key}: expected a number, found {_shown(value)}")
+    return problems
+
+
+def _ostium_problems(settings: StudySettings) -> list[str]:
+    known = settings.ostium_names
+    stated = [
+        *((f"ostia.points.{_quoted(name)}", name) for name in settings.ostia.points),
+        *(
+            (f"ostia.shapes.{_quoted(shape)}.{_quoted(name)}", name)
+            for shape, points in settings.ostia.shapes.items()
+            for name in points
+        ),
+        *((f"domain.circles.{_quoted(name)}", name) for name in settings.domain.circles),
+    ]
+    if settings.pole is not None:
+        stated.append(("pole", settings.pole))
+    return [
+        f'{key}: expected "PART.OSTIUM" with a part named in [parts] and one of its ostia, found '
+        f"{_shown(name)}"
+        for key, name in stated
+        if name not in known
+    ]

@@ -1,0 +1,165 @@
+"""Tables of shapes: one row per shape, from a CSV or an XLSX file."""
+
+import csv
+import datetime
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ostiform.arrays import frozen_mapping
+from ostiform.errors import InputError
+
+__all__ = ["SheetRow", "read_sheet"]
+
+_DEFAULT_PHASE = "0"
+
+
+@dataclass(frozen=True, slots=True)
+class SheetRow:
+    """One shape of a sheet.
+
+    Attributes
+    ----------
+    subject, phase : str
+    time : float or None
+        Fraction of the cycle, where the sheet has a column for it.
+    files : mapping of str to str
+        File of each part, as written; a part whose cell is empty is left out.
+    covariates : mapping of str to str
+        The other columns.
+    """
+
+    subject: str
+    phase: str
+    time: float | None
+    files: Mapping[str, str]
+    covariates: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        object.__setattr__(self, "files", frozen_mapping(self.files))
+        object.__setattr__(self, "covariates", frozen_mapping(self.covariates))
+
+
+def read_sheet(path: Path, parts: Sequence[str]) -> tuple[SheetRow, ...]:
+    """Read a sheet with the columns subject, phase, time and one per part.
+
+    ``phase`` and ``time`` may be left out; a study of one part may call its column ``file``.
+    Empty rows are skipped; every other column is kept as a covariate. A CSV file may separate by
+    comma, semicolon or tabulator. An XLSX file is read from its first sheet.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or damaged, a column is missing or double, or a cell is wrong; the
+        row is named as a spreadsheet counts it.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: expected a sheet of shapes, found no file: check shapes.sheet")
+    rows = _xlsx_rows(path) if path.suffix.lower() == ".xlsx" else _csv_rows(path)
+    if not rows:
+        raise InputError(f"{path}: expected a row of column names, found an empty sheet")
+    header = [cell.strip() for cell in rows[0]]
+    _check_header(path, header, parts)
+    file_columns = {part: part for part in parts}
+    if len(parts) == 1 and parts[0] not in header:
+        file_columns = {"file": parts[0]}
+    return tuple(
+        _row(path, number, dict(zip(header, cells, strict=False)), file_columns)
+        for number, cells in enumerate(rows[1:], start=2)
+        if any(cell.strip() for cell in cells)
+    )
+
+
+def _check_header(path: Path, header: Sequence[str], parts: Sequence[str]) -> None:
+    named = [name for name in header if name]
+    double = sorted({name for name in named if named.count(name) > 1})
+    if double:
+        raise InputError(
+            f"{path}: expected different column names, found {', '.join(double)} twice"
+        )
+    alone = len(parts) == 1 and "file" in header
+    missing = [name for name in ("subject", *(() if alone else parts)) if name not in header]
+    if missing:
+        raise InputError(
+            f"{path}: expected the columns {', '.join(missing)}, found {', '.join(named)}"
+        )
+
+
+def _row(
+    path: Path, number: int, cells: Mapping[str, str], file_columns: Mapping[str, str]
+) -> SheetRow:
+    values = {name: cell.strip() for name, cell in cells.items() if name}
+    subject = values.pop("subject", "")
+    if not subject:
+        raise InputError(f"{path}, row {number}: expected a subject, found an empty cell")
+    phase = values.pop("phase", "") or _DEFAULT_PHASE
+    written = values.pop("time", "")
+    files = {
+        part: name for column, part in file_columns.items() if (name := values.pop(column, ""))
+    }
+    return SheetRow(
+        subject=subject,
+        phase=phase,
+        time=_time(path, number, written) if written else None,
+        files=files,
+        covariates=values,
+    )
+
+
+def _time(path: Path, number: int, written: str) -> float:
+    try:
+        time = float(written.replace(",", "."))
+    except ValueError:
+        time = -1.0
+    if not 0.0 <= time < 1.0:
+        raise InputError(
+            f"{path}, row {number}: expected a time from 0 to below 1 (fraction of the cycle), "
+            f'found "{written}"'
+        )
+    return time
+
+
+def _csv_rows(path: Path) -> list[list[str]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(
+            f"{path}: expected text in UTF-8, found other bytes: save the sheet as CSV UTF-8"
+        ) from None
+    header = text.partition("\n")[0]
+    delimiter = max(",;\t", key=header.count)
+    try:
+        return list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True))
+    except csv.Error as error:
+        raise InputError(f"{path}: expected a CSV file, found a mistake: {error}") from None
+
+
+def _xlsx_rows(path: Path) -> list[list[str]]:
+    from openpyxl import load_workbook
+
+    try:
+        book = load_workbook(path, read_only=True, data_only=True)
+        rows = [[_cell(value) for value in row] for row in book.worksheets[0].values]
+        book.close()
+    except Exception as error:
+        # openpyxl lets whatever its zip and XML readers raise escape.
+        raise InputError(
+            f"{path}: expected an XLSX sheet, found a file that cannot be read "
+            f"({type(error).__name__}): save it again"
+        ) from None
+    return rows
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    if isinstance(value, datetime.datetime | datetime.date | datetime.time):
+        return value.isoformat()
+    return str(value)

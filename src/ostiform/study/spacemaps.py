@@ -1,0 +1,348 @@
+"""Diffeomorphisms of space in closed form, with their Jacobians and inverses.
+
+`Affine` and `Axial` invert in closed form or in one dimension, `TubeWarp` and `Bumps` by Newton's
+method, which converges because their displacements are contractions or nearly so.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.interpolate import CubicSpline
+
+from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.errors import ConvergenceError, InputError
+from ostiform.study.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
+
+__all__ = ["Affine", "Axial", "Bumps", "TubeWarp"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Affine:
+    """x -> matrix x + shift.
+
+    Attributes
+    ----------
+    matrix : (3, 3) float64
+        Positive determinant.
+    shift : (3,) float64, mm
+    """
+
+    matrix: FloatArray
+    shift: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        object.__setattr__(self, "matrix", frozen_floats(self.matrix, (3, 3), "affine matrix"))
+        object.__setattr__(self, "shift", frozen_floats(self.shift, (3,), "affine shift"))
+        if np.linalg.det(self.matrix) <= 0.0:
+            raise InputError(
+                f"affine map: expected a positive determinant, found "
+                f"{np.linalg.det(self.matrix):.3g}; give a matrix that keeps orientation"
+            )
+
+    def forward(self, points: FloatArray) -> FloatArray:
+        """Return the images (n, 3)."""
+        return points @ self.matrix.T + self.shift
+
+    def jacobian(self, points: FloatArray) -> FloatArray:
+        """Return the derivatives (n, 3, 3)."""
+        return np.broadcast_to(self.matrix, (len(points), 3, 3)).copy()
+
+    def inverse(self, points: FloatArray) -> FloatArray:
+        """Return the points (n, 3) whose images are given."""
+        return (points - self.shift) @ np.linalg.inv(self.matrix).T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Axial:
+    """Each plane of constant z is scaled and turned about an axis and displaced.
+
+    Between the knots the profiles are clamped cubic splines, beyond them they are constant. The
+    map is a diffeomorphism when z + displacement_z(z) increases, which construction checks.
+
+    Attributes
+    ----------
+    axis_point : (2,) float64, mm
+        x, y of the axis.
+    knots : (K,) float64, mm
+        Increasing heights z.
+    displacement : (K, 3) float64, mm
+    log_scale : (K, 2) float64
+        Logarithm of the scaling in x and y.
+    turn : (K,) float64, radians
+    """
+
+    axis_point: FloatArray
+    knots: FloatArray
+    displacement: FloatArray
+    log_scale: FloatArray
+    turn: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays, make them read-only, and check that heights keep their order."""
+        n = len(self.knots)
+        for name, shape in (
+            ("axis_point", (2,)),
+            ("knots", (n,)),
+            ("displacement", (n, 3)),
+            ("log_scale", (n, 2)),
+            ("turn", (n,)),
+        ):
+            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+        heights = np.linspace(self.knots[0], self.knots[-1], 64 * n)
+        rise = 1.0 + self._profiles()(heights, 1)[:, 2]
+        if rise.min() <= 0.0:
+            raise InputError(
+                f"axial map: expected heights to keep their order, found a slope of "
+                f"{rise.min():.3g}; reduce the displacement along z"
+            )
+
+    def forward(self, points: FloatArray) -> FloatArray:
+        """Return the images (n, 3)."""
+        profile, _ = self._at(points[:, 2])
+        scale, turn = np.exp(profile[:, 3:5]), profile[:, 5]
+        u, v = (scale * (points[:, :2] - self.axis_point)).T
+        cos, sin = np.cos(turn), np.sin(turn)
+        turned = np.stack(
+            [
+                cos * u - sin * v + self.axis_point[0],
+                sin * u + cos * v + self.axis_point[1],
+                points[:, 2],
+            ],
+            axis=1,
+        )
+        return turned + profile[:, :3]
+
+    def jacobian(self, points: FloatArray) -> FloatArray:
+        """Return the derivatives (n, 3, 3)."""
+        profile, slope = self._at(points[:, 2])
+        scale, turn = np.exp(profile[:, 3:5]), profile[:, 5]
+        u, v = (scale * (points[:, :2] - self.axis_point)).T
+        du, dv = u * slope[:, 3], v * slope[:, 4]
+        cos, sin = np.cos(turn), np.sin(turn)
+        result = np.zeros((len(points), 3, 3))
+        result[:, 0, 0] = cos * scale[:, 0]
+        result[:, 0, 1] = -sin * scale[:, 1]
+        result[:, 1, 0] = sin * scale[:, 0]
+        result[:, 1, 1] = cos * scale[:, 1]
+        result[:, 0, 2] = cos * du - sin * dv - slope[:, 5] * (sin * u + cos * v) + slope[:, 0]
+        result[:, 1, 2] = sin * du + cos * dv + slope[:, 5] * (cos * u - sin * v) + slope[:, 1]
+        result[:, 2, 2] = 1.0 + slope[:, 2]
+        return result
+
+    def inverse(self, points: FloatArray) -> FloatArray:
+        """Return the points (n, 3) whose images are given."""
+        table = np.linspace(self.knots[0], self.knots[-1], 256)
+        images = table + self._at(table)[0][:, 2]
+        z = np.interp(points[:, 2], images, table)
+        below, above = points[:, 2] < images[0], points[:, 2] > images[-1]
+        z = np.where(below, points[:, 2] - images[0] + table[0], z)
+        z = np.where(above, points[:, 2] - images[-1] + table[-1], z)
+        rise = CubicSpline(self.knots, self.displacement[:, 2], bc_type="clamped")
+        for _ in range(MAX_NEWTON_STEPS):
+            inside = np.clip(z, self.knots[0], self.knots[-1])
+            slope = np.where(z == inside, rise(inside, 1), 0.0)
+            step = (z + rise(inside) - points[:, 2]) / (1.0 + slope)
+            z = z - step
+            if np.abs(step).max(initial=0.0) < INVERSE_TOLERANCE_MM:
+                break
+        else:
+            raise ConvergenceError(
+                f"axial map: expected the inverse within {MAX_NEWTON_STEPS} Newton steps, found a "
+                f"last step of {np.abs(step).max():.3g} mm; reduce the displacement along z"
+            )
+        profile, _ = self._at(z)
+        a, b = (points[:, :2] - profile[:, :2] - self.axis_point).T
+        cos, sin = np.cos(profile[:, 5]), np.sin(profile[:, 5])
+        flat = np.stack([cos * a + sin * b, cos * b - sin * a], axis=1) / np.exp(profile[:, 3:5])
+        return np.column_stack([flat + self.axis_point, z])
+
+    def _profiles(self) -> CubicSpline:
+        table = np.column_stack([self.displacement, self.log_scale, self.turn])  # (K, 6)
+        return CubicSpline(self.knots, table, bc_type="clamped")
+
+    def _at(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        spline = self._profiles()
+        inside = np.clip(z, self.knots[0], self.knots[-1])
+        slope = spline(inside, 1)
+        slope[(z < self.knots[0]) | (z > self.knots[-1])] = 0.0
+        return spline(inside), slope
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TubeWarp:
+    """Length, direction and calibre of a tube changed by deforming the space round it.
+
+    With t the distance along the axis and r from it, the displacement is
+    ``w(r) (ramp(t) reach + widening step(t) (x - axis))``: w is 1 up to `inner_radius` and
+    falls to 0 at `outer_radius`, the ramp rises from 0 at t = 0 to 1 at t = `length` and beyond.
+
+    Attributes
+    ----------
+    base : (3,) float64, mm
+    axis : (3,) float64
+        Unit vector.
+    length : float, mm
+    inner_radius, outer_radius : float, mm
+    reach : (3,) float64, mm
+        Displacement of the tube's end: along the axis its lengthening, across it its bending.
+    widening : float
+        Relative change of the radius.
+    """
+
+    base: FloatArray
+    axis: FloatArray
+    length: float
+    inner_radius: float
+    outer_radius: float
+    reach: FloatArray
+    widening: float
+
+    def __post_init__(self) -> None:
+        """Normalise the axis and make the arrays read-only."""
+        axis = np.asarray(self.axis, dtype=np.float64)
+        object.__setattr__(self, "base", frozen_floats(self.base, (3,), "tube base"))
+        object.__setattr__(
+            self, "axis", frozen_floats(axis / np.linalg.norm(axis), (3,), "tube axis")
+        )
+        object.__setattr__(self, "reach", frozen_floats(self.reach, (3,), "tube reach"))
+        if not 0.0 < self.inner_radius < self.outer_radius:
+            raise InputError(
+                f"tube warp: expected 0 < inner radius < outer radius, found {self.inner_radius} "
+                f"and {self.outer_radius}; set the outer radius larger"
+            )
+
+    def forward(self, points: FloatArray) -> FloatArray:
+        """Return the images (n, 3)."""
+        result = points.copy()
+        near = self._near(points)
+        result[near] += self._displacement(points[near])[0]
+        return result
+
+    def jacobian(self, points: FloatArray) -> FloatArray:
+        """Return the derivatives (n, 3, 3)."""
+        result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
+        near = self._near(points)
+        result[near] += self._displacement(points[near])[1]
+        return result
+
+    def inverse(self, points: FloatArray) -> FloatArray:
+        """Return the points (n, 3) whose images are given."""
+        result = points.copy()
+        near = self._near(points)
+        result[near] = newton_inverse(self._displacement, points[near], "tube warp")
+        return result
+
+    def _near(self, points: FloatArray) -> IntArray:
+        offset = points - self.base
+        t = offset @ self.axis
+        squared = np.einsum("ij,ij->i", offset, offset) - t**2
+        return np.flatnonzero((t > 0.0) & (squared < self.outer_radius**2))
+
+    def _displacement(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        offset = points - self.base
+        t = offset @ self.axis
+        across = offset - t[:, None] * self.axis
+        r = np.sqrt(np.einsum("ij,ij->i", across, across))
+        width = self.outer_radius - self.inner_radius
+        fall, fall_slope = _step((r - self.inner_radius) / width)
+        near, near_slope = 1.0 - fall, -fall_slope / width
+        ramp, ramp_slope = _ramp(t, self.length)
+        rise, rise_slope = _step(t / (0.6 * self.length))
+        rise_slope = rise_slope / (0.6 * self.length)
+        radial = across / np.maximum(r, 1e-12)[:, None]
+
+        pull = ramp[:, None] * self.reach + (self.widening * rise)[:, None] * across  # (n, 3)
+        value = near[:, None] * pull
+        pull_t = ramp_slope[:, None] * self.reach + (self.widening * rise_slope)[:, None] * across
+        slope = near_slope[:, None, None] * pull[:, :, None] * radial[:, None, :]
+        slope += near[:, None, None] * pull_t[:, :, None] * self.axis
+        flat = np.eye(3) - np.outer(self.axis, self.axis)
+        slope += (near * self.widening * rise)[:, None, None] * flat
+        return value, slope
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bumps:
+    """Regional displacements: x + sum_k d_k (1 - |x - c_k|^2 / s_k^2)^4 inside |x - c_k| < s_k.
+
+    Attributes
+    ----------
+    centers : (K, 3) float64, mm
+    radii : (K,) float64, mm
+    displacements : (K, 3) float64, mm
+    """
+
+    centers: FloatArray
+    radii: FloatArray
+    displacements: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        n = len(self.centers)
+        for name, shape in (("centers", (n, 3)), ("radii", (n,)), ("displacements", (n, 3))):
+            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+
+    def forward(self, points: FloatArray) -> FloatArray:
+        """Return the images (n, 3)."""
+        return points + self._displacement(points)[0]
+
+    def jacobian(self, points: FloatArray) -> FloatArray:
+        """Return the derivatives (n, 3, 3)."""
+        return np.eye(3) + self._displacement(points)[1]
+
+    def inverse(self, points: FloatArray) -> FloatArray:
+        """Return the points (n, 3) whose images are given."""
+        return newton_inverse(self._displacement, points, "regional displacements")
+
+    def _displacement(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return _bump_displacement(
+            np.ascontiguousarray(points), self.centers, self.radii, self.displacements
+        )
+
+
+@njit(cache=True)
+def _bump_displacement(
+    points: FloatArray, centers: FloatArray, radii: FloatArray, displacements: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    value = np.zeros((len(points), 3))
+    slope = np.zeros((len(points), 3, 3))
+    for i in range(len(points)):
+        for k in range(len(centers)):
+            dx = points[i, 0] - centers[k, 0]
+            dy = points[i, 1] - centers[k, 1]
+            dz = points[i, 2] - centers[k, 2]
+            rest = 1.0 - (dx * dx + dy * dy + dz * dz) / radii[k] ** 2
+            if rest <= 0.0:
+                continue
+            cube = rest * rest * rest
+            factor = -8.0 / radii[k] ** 2 * cube
+            for j in range(3):
+                d = displacements[k, j]
+                value[i, j] += cube * rest * d
+                slope[i, j, 0] += d * factor * dx
+                slope[i, j, 1] += d * factor * dy
+                slope[i, j, 2] += d * factor * dz
+    return value, slope
+
+
+def _step(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # Quintic smooth step from 0 at u = 0 to 1 at u = 1, and its slope.
+    u = np.clip(u, 0.0, 1.0)
+    return u**3 * (10.0 + u * (6.0 * u - 15.0)), 30.0 * u**2 * (1.0 - u) ** 2
+
+
+def _ramp(t: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:
+    # Slope 1 / length from about t = length / 3 to t = length, then level: the difference of two
+    # integrated smooth steps.
+    width = length / 3.0
+    rise, rise_slope = _integrated_step(t / width)
+    stop, stop_slope = _integrated_step((t - length) / width)
+    return (rise - stop) * width / length, (rise_slope - stop_slope) / length
+
+
+def _integrated_step(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    inside = np.clip(u, 0.0, 1.0)
+    integral = inside**4 * (2.5 + inside * (inside - 3.0)) + np.maximum(u - 1.0, 0.0)
+    return integral, _step(u)[0]

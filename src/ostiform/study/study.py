@@ -1,0 +1,234 @@
+"""A study: its settings and the files of its shapes, in order."""
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ostiform.arrays import frozen_mapping
+from ostiform.errors import InputError
+from ostiform.study.settings import StudySettings, read_settings
+from ostiform.study.shape import ShapeId
+from ostiform.study.sheet import read_sheet
+
+__all__ = ["ShapeEntry", "Study", "natural_key", "read_study"]
+
+_FIELDS = ("subject", "phase", "part")
+_DEFAULT_PHASE = "0"
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeEntry:
+    """Where one shape comes from.
+
+    Attributes
+    ----------
+    id : ShapeId
+    files : mapping of str to Path
+        The file of each part; a part whose file is missing is left out (the shape then fails
+        when it is read).
+    covariates : mapping of str to str
+        Further columns of the sheet.
+    """
+
+    id: ShapeId
+    files: Mapping[str, Path]
+    covariates: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        object.__setattr__(self, "files", frozen_mapping(self.files))
+        object.__setattr__(self, "covariates", frozen_mapping(self.covariates))
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A population of shapes as its study file describes it.
+
+    Attributes
+    ----------
+    path : Path
+        The study file.
+    folder : Path
+        Where the files of the shapes are.
+    settings : StudySettings
+    entries : tuple of ShapeEntry
+        Subjects in natural order, and the phases of each in natural order.
+    """
+
+    path: Path
+    folder: Path
+    settings: StudySettings
+    entries: tuple[ShapeEntry, ...]
+
+    @property
+    def alignment_per(self) -> Literal["subject", "shape"]:
+        """What one alignment transform belongs to: as set, or by the number of phases."""
+        if self.settings.alignment.per is not None:
+            return self.settings.alignment.per
+        phases = Counter(entry.id.subject for entry in self.entries)
+        return "subject" if max(phases.values(), default=1) > 1 else "shape"
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    subject: str
+    phase: str
+    time: float | None
+    files: Mapping[str, Path]
+    covariates: Mapping[str, str]
+
+
+def read_study(path: Path) -> Study:
+    """Read a study file and find the files of its shapes; no surface is read.
+
+    Raises
+    ------
+    InputError
+        If the study file is wrong (see `read_settings`), no file matches, or a shape is given
+        twice.
+    """
+    settings = read_settings(path)
+    folder = path.parent / settings.shapes.folder
+    if not folder.is_dir():
+        raise InputError(f"{path.name}: shapes.folder: expected a folder, found none at {folder}")
+    if settings.shapes.sheet is not None:
+        sheet = path.parent / settings.shapes.sheet
+        found = [
+            _Found(
+                row.subject,
+                row.phase,
+                row.time,
+                {part: folder / name for part, name in row.files.items()},
+                row.covariates,
+            )
+            for row in read_sheet(sheet, settings.part_names)
+        ]
+        if not found:
+            raise InputError(f"{sheet}: expected one row per shape, found none")
+        _refuse_double(path, ((f"{row.subject}/{row.phase}", "row") for row in found))
+    else:
+        found = _matched(path, folder, settings.shapes.pattern or "", settings.part_names)
+    _check_shape_keys(path, settings, found)
+    return Study(path, folder, settings, _ordered(path, settings, found))
+
+
+def natural_key(name: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
+    """Return the key that sorts names as people do: ``s2`` before ``s10``."""
+    steps = tuple(
+        (0, int(step), "") if step.isdecimal() else (1, 0, step.casefold())
+        for step in re.findall(r"\d+|\D+", name)
+    )
+    return steps, name
+
+
+def _matched(path: Path, folder: Path, pattern: str, parts: Sequence[str]) -> list[_Found]:
+    expression = _expression(path, pattern, parts)
+    depth = pattern.count("/")
+    files = sorted(file for file in folder.glob("*/" * depth + "*") if file.is_file())
+    shapes: dict[tuple[str, str], dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
+    for file in files:
+        match = expression.fullmatch(file.relative_to(folder).as_posix())
+        if match is None:
+            continue
+        fields = match.groupdict()
+        phase = fields.get("phase", _DEFAULT_PHASE)
+        shapes[fields["subject"], phase][fields.get("part", parts[0])].append(file)
+    if not shapes:
+        examples = ", ".join(file.relative_to(folder).as_posix() for file in files[:3])
+        raise InputError(
+            f'{path.name}: shapes.pattern: expected files matching "{pattern}" in {folder}, found '
+            f"none among {len(files)} files{f' such as {examples}' if examples else ''}"
+        )
+    _refuse_double(
+        path,
+        (
+            (f"{subject}/{phase}", f"file for {part}")
+            for (subject, phase), by_part in shapes.items()
+            for part, candidates in by_part.items()
+            for _ in candidates
+        ),
+    )
+    return [
+        _Found(subject, phase, None, {part: c[0] for part, c in by_part.items()}, {})
+        for (subject, phase), by_part in shapes.items()
+    ]
+
+
+def _expression(path: Path, pattern: str, parts: Sequence[str]) -> re.Pattern[str]:
+    expression, seen = "", set()
+    for piece in re.split(r"(\{[^{}]*\}|\*)", pattern):
+        name = piece[1:-1] if piece.startswith("{") else None
+        if piece == "*":
+            expression += "[^/]*"
+        elif name is None:
+            expression += re.escape(piece)
+        elif name not in _FIELDS:
+            raise InputError(
+                f"{path.name}: shapes.pattern: expected the fields {{subject}}, {{phase}} and "
+                f"{{part}}, found {piece}"
+            )
+        elif name in seen:
+            expression += f"(?P={name})"
+        else:
+            one_of = "|".join(re.escape(part) for part in sorted(parts, key=len, reverse=True))
+            expression += f"(?P<{name}>{one_of})" if name == "part" else f"(?P<{name}>[^/]+)"
+            seen.add(name)
+    needed = {"subject"} | ({"part"} if len(parts) > 1 else set())
+    if missing := sorted(needed - seen):
+        raise InputError(
+            f'{path.name}: shapes.pattern: expected the field {{{missing[0]}}}, found "{pattern}"'
+        )
+    return re.compile(expression)
+
+
+def _refuse_double(path: Path, items: Iterable[tuple[str, str]]) -> None:
+    for (shape, what), count in Counter(items).items():
+        if count > 1:
+            raise InputError(
+                f"{path.name}: shape {shape}: expected one {what}, found {count}: remove or rename "
+                "the others"
+            )
+
+
+def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Found]) -> None:
+    known = {f"{item.subject}/{item.phase}" for item in found} | {item.subject for item in found}
+    for key in settings.ostia.shapes:
+        if key not in known:
+            raise InputError(
+                f'{path.name}: ostia.shapes."{key}": expected a shape "SUBJECT/PHASE" or a subject '
+                "of the study, found another name"
+            )
+    phases = {item.phase for item in found}
+    if settings.shapes.times and (missing := sorted(phases - set(settings.shapes.times))):
+        raise InputError(
+            f"{path.name}: shapes.times: expected a time for every phase, found none for "
+            f"{', '.join(missing)}"
+        )
+
+
+def _ordered(
+    path: Path, settings: StudySettings, found: Sequence[_Found]
+) -> tuple[ShapeEntry, ...]:
+    stated = [item for item in found if item.time is not None]
+    if stated and len(stated) < len(found):
+        absent = next(item for item in found if item.time is None)
+        raise InputError(
+            f"{path.name}: shape {absent.subject}/{absent.phase}: expected a time in the sheet for "
+            "every shape or for none, found none for this one"
+        )
+    by_subject: dict[str, list[_Found]] = defaultdict(list)
+    for item in found:
+        by_subject[item.subject].append(item)
+    entries = []
+    for subject in sorted(by_subject, key=natural_key):
+        cycle = sorted(by_subject[subject], key=lambda item: natural_key(item.phase))
+        for rank, item in enumerate(cycle):
+            time = item.time
+            if time is None:
+                time = settings.shapes.times.get(item.phase, rank / len(cycle))
+            files = {part: item.files[part] for part in settings.parts if part in item.files}
+            entries.append(ShapeEntry(ShapeId(subject, item.phase, time), files, item.covariates))
+    return tuple(entries)

@@ -1,0 +1,244 @@
+"""The true correspondence of a generated population, kept aside for evaluation.
+
+`truth.json` holds the parameters of the material anatomy and of every shape's deformation; the
+maps themselves are evaluated when asked for.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.atomic import atomically
+from ostiform.errors import ArtifactError, InputError
+from ostiform.study.deformation import Deformation, SpaceMap
+from ostiform.study.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.study.inversion import solve3
+from ostiform.study.relaxation import project_to_curves, project_to_surface
+from ostiform.study.shape import ShapeId
+from ostiform.study.spacemaps import Affine, Axial, Bumps, TubeWarp
+
+__all__ = ["Truth", "material_coordinates", "read_truth", "true_positions", "write_truth"]
+
+_SCHEMA = 1
+_CLOSEST_POINT_STEPS = 8
+_KINDS: Mapping[str, Any] = frozen_mapping(
+    {kind.__name__: kind for kind in (Ellipsoid, Tube, Cut, Affine, Axial, Bumps, TubeWarp)}
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """A material anatomy and the deformation that makes each shape of a population from it.
+
+    Attributes
+    ----------
+    seed : int
+        Of the generator that drew the population.
+    anatomy : Anatomy
+    deformations : mapping of ShapeId to Deformation
+        From material to input coordinates, in study order.
+    """
+
+    seed: int
+    anatomy: Anatomy
+    deformations: Mapping[ShapeId, Deformation]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "deformations", frozen_mapping(self.deformations))
+
+    def deformation(self, shape_id: ShapeId) -> Deformation:
+        """Return the deformation of a shape, found by subject and phase.
+
+        Raises
+        ------
+        InputError
+            If the population has no such shape.
+        """
+        for known, deformation in self.deformations.items():
+            if (known.subject, known.phase) == (shape_id.subject, shape_id.phase):
+                return deformation
+        raise InputError(
+            f"{shape_id}: expected one of the {len(self.deformations)} shapes of the truth, found "
+            "none of that subject and phase; give the truth that was written with the study"
+        )
+
+
+def material_coordinates(
+    truth: Truth, shape_id: ShapeId, part: str, points: FloatArray
+) -> FloatArray:
+    """Return the material points of points on or near a part of a shape.
+
+    Parameters
+    ----------
+    truth : Truth
+    shape_id : ShapeId
+        Only subject and phase are looked at.
+    part : str
+    points : (n, 3) float64, mm
+        In the shape's input coordinates.
+
+    Returns
+    -------
+    (n, 3) float64, mm
+        phi_i^-1 of the closest point of the true surface of that part; beyond an opening, of its
+        rim.
+
+    Raises
+    ------
+    InputError
+        If the population has no such shape or part.
+    """
+    if part not in truth.anatomy.seeds:
+        raise InputError(
+            f"{shape_id}: expected a part of {', '.join(truth.anatomy.seeds)}, found {part}; name "
+            "one of these"
+        )
+    deformation = truth.deformation(shape_id)
+    points = np.asarray(points, dtype=np.float64)
+    material = project_to_surface(truth.anatomy, deformation.inverse(points))
+    for _ in range(_CLOSEST_POINT_STEPS):
+        # Gauss-Newton on |phi(X) - x|^2 within the tangent plane of {f = 0}.
+        gap = points - deformation.forward(material)
+        jacobian = deformation.jacobian(material)
+        _, gradient = truth.anatomy.level(material)
+        step = solve3(jacobian, gap)
+        normal = solve3(np.einsum("nki,nkj->nij", jacobian, jacobian), gradient)
+        share = np.einsum("ij,ij->i", gradient, step) / np.einsum("ij,ij->i", gradient, normal)
+        material = project_to_surface(truth.anatomy, material + step - share[:, None] * normal)
+    for _, sign, cut in truth.anatomy.part_cuts(part):
+        near = np.flatnonzero(cut.reaches(material))
+        beyond = near[sign * cut.height(material[near])[0] > 0.0]
+        index = truth.anatomy.cuts.index(cut)
+        material[beyond] = _closest_on_curve(
+            truth.anatomy, deformation, index, points[beyond], material[beyond]
+        )
+    return material
+
+
+def _closest_on_curve(
+    anatomy: Anatomy,
+    deformation: Deformation,
+    index: int,
+    points: FloatArray,
+    material: FloatArray,
+) -> FloatArray:
+    # Gauss-Newton on |phi(X) - x|^2 along the curve of a cut.
+    curve = np.full(len(points), index, dtype=np.int64)
+    material = project_to_curves(anatomy, material, curve)
+    for _ in range(_CLOSEST_POINT_STEPS):
+        _, gradient = anatomy.level(material)
+        _, slope = anatomy.cuts[index].height(material)
+        along = np.cross(gradient, slope)
+        image = np.einsum("nij,nj->ni", deformation.jacobian(material), along)
+        gap = points - deformation.forward(material)
+        share = np.einsum("ij,ij->i", image, gap) / np.einsum("ij,ij->i", image, image)
+        material = project_to_curves(anatomy, material + share[:, None] * along, curve)
+    return material
+
+
+def true_positions(truth: Truth, shape_id: ShapeId, part: str, material: FloatArray) -> FloatArray:
+    """Return the positions (n, 3), mm, on a shape of material points (n, 3): phi_i.
+
+    The deformation is one of space, so the result does not depend on the part; it is named so that
+    calls read alike.
+    """
+    return truth.deformation(shape_id).forward(np.asarray(material, dtype=np.float64))
+
+
+def write_truth(truth: Truth, path: Path) -> Path:
+    """Write a truth as JSON and return the path."""
+    maps: dict[int, tuple[int, SpaceMap]] = {}
+    shapes = []
+    for shape_id, deformation in truth.deformations.items():
+        indices = [maps.setdefault(id(step), (len(maps), step))[0] for step in deformation.maps]
+        shapes.append(
+            {
+                "subject": shape_id.subject,
+                "phase": shape_id.phase,
+                "time": shape_id.time,
+                "maps": indices,
+            }
+        )
+    anatomy = truth.anatomy
+    document = {
+        "schema": _SCHEMA,
+        "units": "mm",
+        "seed": truth.seed,
+        "anatomy": {
+            "primitives": [_encoded(primitive) for primitive in anatomy.primitives],
+            "blend_mm": anatomy.blend_mm,
+            "cuts": [_encoded(cut) for cut in anatomy.cuts],
+            "seeds": {part: seed.tolist() for part, seed in anatomy.seeds.items()},
+        },
+        "maps": [_encoded(step) for _, step in maps.values()],
+        "shapes": shapes,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomically(path) as partial:
+        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return path
+
+
+def read_truth(path: Path) -> Truth:
+    """Return the truth that `write_truth` wrote.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged, or of another schema.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        schema = document["schema"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ArtifactError(
+            f"{path}: expected the truth of a generated population, found {error!r}; generate the "
+            "population again"
+        ) from error
+    if schema != _SCHEMA:
+        raise ArtifactError(
+            f"{path}: expected schema {_SCHEMA}, found {schema}; generate the population again"
+        )
+    try:
+        return _decoded_truth(document)
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise ArtifactError(
+            f"{path}: expected complete parameters, found {error!r}; generate the population again"
+        ) from error
+
+
+def _decoded_truth(document: dict[str, Any]) -> Truth:
+    anatomy = document["anatomy"]
+    maps = [_decoded(item) for item in document["maps"]]
+    return Truth(
+        int(document["seed"]),
+        Anatomy(
+            tuple(_decoded(item) for item in anatomy["primitives"]),
+            float(anatomy["blend_mm"]),
+            tuple(_decoded(item) for item in anatomy["cuts"]),
+            {part: np.array(seed) for part, seed in anatomy["seeds"].items()},
+        ),
+        {
+            ShapeId(shape["subject"], shape["phase"], float(shape["time"])): Deformation(
+                tuple(maps[index] for index in shape["maps"])
+            )
+            for shape in document["shapes"]
+        },
+    )
+
+
+def _encoded(item: Any) -> dict[str, Any]:
+    values = {field.name: getattr(item, field.name) for field in fields(item)}
+    plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
+    return {"kind": type(item).__name__, **plain}
+
+
+def _decoded(item: dict[str, Any]) -> Any:
+    values = {k: np.array(v) if isinstance(v, list) else v for k, v in item.items() if k != "kind"}
+    return _KINDS[item["kind"]](**values)
