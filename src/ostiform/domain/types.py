@@ -48,11 +48,12 @@ class Circle:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        """Normalise the centre."""
+        """Normalise the centre; a unit vector is kept bit for bit, so that files round-trip."""
         center = frozen_floats(self.center, (3,), "circle centre")
-        object.__setattr__(
-            self, "center", frozen_floats(center / np.linalg.norm(center), (3,), "circle centre")
-        )
+        length = float(np.linalg.norm(center))
+        if abs(length - 1.0) > 4.0 * np.finfo(np.float64).eps:
+            center = frozen_floats(center / length, (3,), "circle centre")
+        object.__setattr__(self, "center", center)
 
     def points(self, angles: FloatArray) -> FloatArray:
         """Return the points of the circle at angles (n,) in radians, as unit vectors (n, 3)."""
@@ -97,6 +98,8 @@ class Sphere:
     pole : str or None
         Full name of the ostium the stereographic pole is put in (a rim, or either side of a
         seam); None for a closed component.
+    handles : tuple of Seam
+        Pairs of `rims` that are the two sides of one cut through a handle.
     """
 
     name: str
@@ -104,6 +107,7 @@ class Sphere:
     rims: Mapping[str, Circle]
     seams: Mapping[Seam, Circle]
     pole: str | None
+    handles: tuple[Seam, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""

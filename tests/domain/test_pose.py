@@ -1,0 +1,204 @@
+"""Population poses: recovered motions, equivariance, every way to fix a rotation."""
+
+import time
+
+import numpy as np
+import pytest
+from oracles.holed_spheres import half_sphere, holed_sphere
+from scipy.spatial.transform import Rotation
+
+from ostiform.domain import PoseMethod, landmarks, population_poses
+from ostiform.domain.procrustes import transformed
+from ostiform.errors import InputError
+from ostiform.study import Shape, ShapeId
+from ostiform.surface import Seam, Surface, boundary_loops
+
+MANY_HOLES = {
+    "mitral": ([0.0, 0.0, 1.0], 0.5),
+    "one": ([1.0, 0.2, -0.6], 0.2),
+    "two": ([-1.0, 0.4, -0.5], 0.25),
+    "three": ([0.2, -1.0, -0.3], 0.2),
+}
+
+
+def bent(vertices, seed=0):
+    """Make a sphere into a lopsided body: no symmetry, principal axes of different length."""
+    x, y, z = vertices.T
+    wobble = 0.03 * np.sin(seed + 3.0 * vertices @ [0.6, 0.3, 0.74])
+    body = np.c_[20 * x + 4 * y**2, 30 * y + 5 * x * z, 44 * z + 6 * z * z + 5 * x * y]
+    return body * (1.0 + wobble[:, None])
+
+
+def surface(holes, n_points=1500, seed=0):
+    circles = [(center, radius, 24) for center, radius in holes.values()]
+    vertices, faces = holed_sphere(n_points, circles)
+    loops = {}
+    for loop in boundary_loops(faces):
+        middle = vertices[loop].mean(axis=0)
+        name = min(holes, key=lambda n: np.linalg.norm(unit(middle) - unit(holes[n][0])))
+        loops[name] = loop
+    return Surface(bent(vertices, seed), faces, loops)
+
+
+def unit(vector):
+    return np.asarray(vector) / np.linalg.norm(vector)
+
+
+def shape(body, subject="a"):
+    return Shape(ShapeId(subject, "0", 0.0), {"B": body}, ())
+
+
+def moved(one, motion, subject=None):
+    """The shape carried by a rigid motion (or a reflection, with its faces turned over)."""
+    turned_over = np.linalg.det(motion[:3, :3]) < 0
+    parts = {
+        name: Surface(
+            transformed(body.vertices, motion),
+            body.faces[:, ::-1] if turned_over else body.faces,
+            {n: loop[::-1] if turned_over else loop for n, loop in body.loops.items()},
+        )
+        for name, body in one.parts.items()
+    }
+    subject = one.id.subject if subject is None else subject
+    return Shape(ShapeId(subject, one.id.phase, one.id.time), parts, one.seams)
+
+
+def random_motion(rng):
+    motion = np.eye(4)
+    motion[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+    motion[:3, 3] = 100.0 * rng.normal(size=3)
+    return motion
+
+
+def posed(shapes, poses):
+    return [
+        transformed(one.parts["B"].vertices, transform)
+        for one, transform in zip(shapes, poses.transforms, strict=True)
+    ]
+
+
+HOLES_BY_METHOD = [
+    (MANY_HOLES, PoseMethod.LANDMARKS),
+    ({"mitral": MANY_HOLES["mitral"]}, PoseMethod.AXIS_AND_SURFACE),
+    ({}, PoseMethod.SURFACE),
+]
+
+
+@pytest.mark.parametrize(("holes", "method"), HOLES_BY_METHOD)
+def test_copies_of_one_shape_are_laid_on_each_other(rng, holes, method):
+    one = shape(surface(holes))
+    copies = [moved(one, random_motion(rng), name) for name in "abcd"]
+    poses = population_poses(copies)
+    assert poses.method is method
+    vertices = posed(copies, poses)
+    for other in vertices[1:]:
+        np.testing.assert_allclose(other, vertices[0], atol=1e-6)
+    np.testing.assert_allclose(poses.residuals, 0.0, atol=1e-6)
+    assert not poses.mirrored.any()
+
+
+@pytest.mark.parametrize(("holes", "method"), HOLES_BY_METHOD)
+def test_rotating_the_inputs_changes_the_result_by_one_global_motion_only(rng, holes, method):
+    shapes = [shape(surface(holes, 1200 + 100 * k, k), f"s{k}") for k in range(5)]
+    turned = [moved(one, random_motion(rng)) for one in shapes]
+    before, after = population_poses(shapes), population_poses(turned)
+    assert before.reference == after.reference
+    assert before.method is method
+    first = np.concatenate(posed(shapes, before))
+    second = np.concatenate(posed(turned, after))
+    first, second = first - first.mean(axis=0), second - second.mean(axis=0)
+    rotation, _ = Rotation.align_vectors(first, second)
+    # 1e-5 mm on 60 mm bodies: a rotated input may round to another nearest point once.
+    np.testing.assert_allclose(rotation.apply(second), first, atol=1e-5)
+
+
+@pytest.mark.parametrize(("holes", "method"), HOLES_BY_METHOD)
+def test_the_order_of_the_shapes_does_not_matter(rng, holes, method):
+    shapes = [moved(shape(surface(holes, 1200, k), f"s{k}"), random_motion(rng)) for k in range(5)]
+    order = rng.permutation(5)
+    before, after = population_poses(shapes), population_poses([shapes[k] for k in order])
+    assert order[after.reference] == before.reference
+    np.testing.assert_allclose(after.transforms, before.transforms[order], atol=1e-9)
+
+
+@pytest.mark.parametrize(("holes", "method"), HOLES_BY_METHOD)
+def test_similar_shapes_end_up_turned_alike(rng, holes, method):
+    """Bodies that differ by a few percent: the true relative rotation is known to a few degrees."""
+    shapes = [shape(surface(holes, 1200, 0.4 * k), f"s{k}") for k in range(4)]
+    motions = [random_motion(rng) for _ in shapes]
+    turned = [moved(one, motion) for one, motion in zip(shapes, motions, strict=True)]
+    relative = population_poses(turned).transforms @ np.array(motions)
+    reference = relative[0, :3, :3]
+    angles = Rotation.from_matrix(relative[:, :3, :3] @ reference.T).magnitude()
+    assert np.degrees(angles).max() < 5.0
+
+
+def test_the_reference_keeps_its_input_frame(rng):
+    shapes = [moved(shape(surface(MANY_HOLES, 900, k), f"{k}"), random_motion(rng)) for k in (0, 1)]
+    poses = population_poses(shapes)
+    np.testing.assert_array_equal(poses.transforms[poses.reference], np.eye(4))
+
+
+@pytest.mark.parametrize("holes", [MANY_HOLES, {}])
+def test_a_mirrored_shape_is_reported_and_not_reflected(rng, holes):
+    shapes = [shape(surface(holes, 1200, 0.3 * k), f"s{k}") for k in range(4)]
+    shapes[2] = moved(shapes[2], np.diag([1.0, -1.0, 1.0, 1.0]))
+    poses = population_poses(shapes)
+    np.testing.assert_array_equal(poses.mirrored, [False, False, True, False])
+    np.testing.assert_allclose(np.linalg.det(poses.transforms[:, :3, :3]), 1.0, rtol=1e-12)
+
+
+def test_openings_on_one_line_are_completed_by_the_surface():
+    holes = {"top": ([0.0, 0.0, 1.0], 0.4), "bottom": ([0.0, 0.0, -1.0], 0.4)}
+    circles = [(center, radius, 24) for center, radius in holes.values()]
+    vertices, faces = holed_sphere(1500, circles)
+    tube = vertices * [20.0, 30.0, 50.0]
+    upper = [loop for loop in boundary_loops(faces) if vertices[loop, 2].mean() > 0]
+    lower = [loop for loop in boundary_loops(faces) if vertices[loop, 2].mean() < 0]
+    one = shape(Surface(tube, faces, {"top": upper[0], "bottom": lower[0]}))
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 0.7]).as_matrix()
+    poses = population_poses([one, moved(one, turn, "b")])
+    assert poses.method is PoseMethod.AXIS_AND_SURFACE
+    np.testing.assert_allclose(poses.residuals, 0.0, atol=1e-6)
+
+
+def test_a_seam_is_one_landmark():
+    parts = {}
+    for name, side in (("LV", -1.0), ("LA", 1.0)):
+        vertices, faces = half_sphere(600, 40, side)
+        parts[name] = Surface(vertices, faces, {"mitral": boundary_loops(faces)[0]})
+    one = Shape(ShapeId("a", "0", 0.0), parts, (Seam("LV.mitral", "LA.mitral"),))
+    points = landmarks(one)
+    assert sorted(points) == ["LA", "LV", "LV.mitral"]
+    np.testing.assert_allclose(points["LV.mitral"], 0.0, atol=1e-12)
+    np.testing.assert_allclose(points["LA"], [0.0, 0.0, 0.5], atol=0.01)
+
+
+def test_landmarks_do_not_depend_on_how_a_rim_is_cut_into_edges():
+    angle = 2 * np.pi * np.r_[0.0, 0.1, 0.15, 0.2, 0.21, 0.22, np.linspace(0.25, 0.99, 40)]
+    ring = np.c_[np.cos(angle), np.sin(angle), np.zeros(len(angle))]
+    vertices = np.vstack([ring, [0.0, 0.0, -1.0]])
+    k = np.arange(len(ring))
+    faces = np.c_[np.roll(k, -1), k, np.full(len(k), len(ring))]
+    points = landmarks(shape(Surface(vertices, faces, {"rim": k})))
+    np.testing.assert_allclose(points["B.rim"], 0.0, atol=0.02)
+
+
+def test_thirty_four_shapes_take_less_than_two_seconds(rng):
+    one = surface(MANY_HOLES, 4000)
+    shapes = [moved(shape(one), random_motion(rng), f"s{k}") for k in range(34)]
+    started = time.process_time()
+    population_poses(shapes)
+    assert time.process_time() - started < 2.0
+
+
+def test_unusable_populations_are_refused():
+    with pytest.raises(InputError, match="at least one shape"):
+        population_poses([])
+    two = {name: MANY_HOLES[name] for name in ("mitral", "one")}
+    with pytest.raises(InputError, match=r"difference in B\.three, B\.two"):
+        population_poses([shape(surface(MANY_HOLES, 900)), shape(surface(two, 900), "b")])
+    flat = Surface(np.ones((3, 3)), np.array([[0, 1, 2]]), {})
+    with pytest.raises(InputError, match="positive area"):
+        population_poses([shape(flat)])
