@@ -25,8 +25,9 @@ class Certificate:
     hole_order : tuple of str
         Rims and further seams in cyclic order about the pole, starting from the first by name.
     twist : mapping of str to float
-        Angle in radians swept about each circle's centre by the image of the shortest path from
-        the rim's arc-length zero to the tube's base, less that of the straight path.
+        Angle in radians swept about each circle's centre by the images of the shortest paths from
+        the rim's vertices to the tube's base, mean over the rim (`embedding.twist`). By full
+        ostium name; a seam has a tube on each side and appears under both its names.
     problems : tuple of str
         One sentence per violated condition; empty for a certified map.
     """
