@@ -1,5 +1,42 @@
 """Correspondence by warps of the sphere that minimise the description length (HY 2.3)."""
 
+from ostiform.correspondence.build import build_yardstick, correspond
+from ostiform.correspondence.place import place
+from ostiform.correspondence.population_template import (
+    TemplateCoverage,
+    mean_surface,
+    population_template,
+    template_coverage,
+)
+from ostiform.correspondence.sampling import (
+    ShapeSampler,
+    pull_back,
+    sample,
+    sample_with_derivative,
+    sampler,
+)
+from ostiform.correspondence.settings import CorrespondenceSettings
+from ostiform.correspondence.sweeps import SweepRecord
+from ostiform.correspondence.trained import KINDS, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
 
-__all__ = ["Correspondence"]
+__all__ = [
+    "Correspondence",
+    "CorrespondenceSettings",
+    "KINDS",
+    "ShapeSampler",
+    "SweepRecord",
+    "TemplateCoverage",
+    "TrainedCorrespondence",
+    "Yardstick",
+    "build_yardstick",
+    "correspond",
+    "mean_surface",
+    "place",
+    "population_template",
+    "pull_back",
+    "sample",
+    "sample_with_derivative",
+    "sampler",
+    "template_coverage",
+]

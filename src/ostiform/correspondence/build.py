@@ -1,0 +1,250 @@
+"""From embedded shapes to the three models of the paper in one run (HY 2.3, 3; design 5, 6)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.correspondence.alignment import align
+from ostiform.correspondence.description_length import (
+    QuadraticForm,
+    cut_off_eigenvalue,
+    euclidean_form,
+    majoriser,
+    spectrum,
+)
+from ostiform.correspondence.euclidean import root_mean_square_spread
+from ostiform.correspondence.hierarchy import (
+    LevelResult,
+    Problem,
+    coarse_template,
+    euclidean_level,
+    first_population,
+    optimal_levels,
+)
+from ostiform.correspondence.population_template import population_template
+from ostiform.correspondence.sampling import ShapeSampler, sample
+from ostiform.correspondence.settings import CorrespondenceSettings
+from ostiform.correspondence.sweeps import Progress, area_shares
+from ostiform.correspondence.trained import Kind, TrainedCorrespondence, Yardstick
+from ostiform.correspondence.types import Correspondence
+from ostiform.correspondence.warps import circle_table
+from ostiform.domain import BaseDomain, Template
+from ostiform.errors import InputError
+from ostiform.study import ShapeId
+from ostiform.surface import median_edge_length
+
+__all__ = ["build_yardstick", "correspond", "yardstick_of_template"]
+
+# Noise per coordinate of a surface whose noise is not stated, over the median edge of its mesh.
+NOISE_OVER_EDGE = 0.2
+
+
+def build_yardstick(
+    samplers: Sequence[ShapeSampler],
+    ids: Sequence[ShapeId],
+    domain: BaseDomain,
+    poses: FloatArray,
+    settings: CorrespondenceSettings,
+) -> Yardstick:
+    """Build the template of a population and fix what its models are measured with.
+
+    Parameters
+    ----------
+    samplers : sequence of ShapeSampler
+    ids : sequence of ShapeId
+        As many, in study order.
+    domain : BaseDomain
+    poses : (N, 4, 4) float64
+        From input coordinates to the population's common pose.
+    settings : CorrespondenceSettings
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes or the numbers of samplers and ids differ.
+    """
+    _check_population(samplers, ids)
+    template = population_template(samplers, domain, settings.n_points, poses)
+    return yardstick_of_template(samplers, ids, domain, template, settings)
+
+
+def yardstick_of_template(
+    samplers: Sequence[ShapeSampler],
+    ids: Sequence[ShapeId],
+    domain: BaseDomain,
+    template: Template,
+    settings: CorrespondenceSettings,
+) -> Yardstick:
+    """Fix weights, alignment and l_cut from the conformal sampling of a given template.
+
+    Parameters and errors are those of `build_yardstick`.
+    """
+    _check_population(samplers, ids)
+    points = np.stack([sample(shape, template, template.points) for shape in samplers])
+    weights = area_shares(points, template.faces).mean(axis=0)
+    weights /= weights.sum()
+    groups = _groups(ids, settings)
+    noise_mm = settings.noise_mm
+    if noise_mm is None:
+        edges = [
+            median_edge_length(part.vertices, part.faces)
+            for shape in samplers
+            for part in shape.components
+        ]
+        noise_mm = NOISE_OVER_EDGE * float(np.median(edges))
+    return Yardstick(
+        domain=domain,
+        template=template,
+        weights=weights,
+        noise_mm=noise_mm,
+        l_cut=cut_off_eigenvalue(noise_mm, len(ids), len(template.points)),
+        alignment=settings.alignment,
+        groups=groups,
+        mean=align(points, weights, settings.alignment, groups).mean,
+    )
+
+
+def correspond(
+    samplers: Sequence[ShapeSampler],
+    ids: Sequence[ShapeId],
+    yardstick: Yardstick,
+    settings: CorrespondenceSettings,
+    progress: Progress | None = None,
+) -> Mapping[Kind, TrainedCorrespondence]:
+    """Build the conformal, the minimum-Euclidean and the optimal model in one run.
+
+    Each starts from the one before. The objective is evaluated on a coarse level of the template;
+    all points are carried along by the same warps.
+
+    Parameters
+    ----------
+    samplers : sequence of ShapeSampler
+    ids : sequence of ShapeId
+    yardstick : Yardstick
+        Of the same shapes.
+    settings : CorrespondenceSettings
+    progress : callable, optional
+        Called with a `SweepRecord` after every sweep.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes or the numbers of samplers and ids differ.
+    """
+    _check_population(samplers, ids)
+    problem = _problem(samplers, yardstick, settings)
+    template_points = np.broadcast_to(
+        yardstick.template.points, (len(samplers), *yardstick.template.points.shape)
+    )
+    population = first_population(problem, template_points)
+    trained: dict[Kind, TrainedCorrespondence] = {
+        "conformal": _trained("conformal", problem, template_points, ids, yardstick, ())
+    }
+    first = euclidean_level(problem, population, progress)
+    population = first.population
+    trained["euclidean"] = _trained(
+        "euclidean", problem, _directions(first), ids, yardstick, (first,)
+    )
+    results = (first, *optimal_levels(problem, population, progress))
+    trained["optimal"] = _trained(
+        "optimal", problem, _directions(results[-1]), ids, yardstick, results
+    )
+    return trained
+
+
+def _check_population(samplers: Sequence[ShapeSampler], ids: Sequence[ShapeId]) -> None:
+    if len(samplers) != len(ids) or len(ids) < 2:
+        raise InputError(
+            "correspondence: expected at least 2 shapes and one sampler per shape, found "
+            f"{len(ids)} shapes and {len(samplers)} samplers"
+        )
+
+
+def _groups(ids: Sequence[ShapeId], settings: CorrespondenceSettings) -> IntArray:
+    if settings.per == "shape":
+        return np.arange(len(ids))
+    names = list(dict.fromkeys(id.subject for id in ids))
+    return np.array([names.index(id.subject) for id in ids], dtype=np.int64)
+
+
+def _problem(
+    samplers: Sequence[ShapeSampler], yardstick: Yardstick, settings: CorrespondenceSettings
+) -> Problem:
+    template = yardstick.template
+    coarse, index = coarse_template(template, settings.n_optimised)
+    points = np.stack([sample(shape, coarse, coarse.points) for shape in samplers])
+    weights = area_shares(points, coarse.faces).mean(axis=0)
+    weights /= weights.sum()
+    unit_mm = settings.euclidean_noise_mm
+    if unit_mm is None:
+        aligned = align(points, weights, yardstick.alignment, yardstick.groups).aligned
+        unit_mm = max(root_mean_square_spread(aligned, weights), yardstick.noise_mm)
+    return Problem(
+        samplers=tuple(samplers),
+        template=template,
+        coarse=coarse,
+        index=index,
+        weights=weights,
+        circles=circle_table(yardstick.domain, template),
+        groups=yardstick.groups,
+        l_cut=yardstick.l_cut,
+        unit_mm=unit_mm,
+        settings=settings,
+    )
+
+
+def _directions(result: LevelResult) -> FloatArray:
+    return np.stack([state.directions for state in result.population.states])
+
+
+def _trained(
+    kind: Kind,
+    problem: Problem,
+    directions: FloatArray,
+    ids: Sequence[ShapeId],
+    yardstick: Yardstick,
+    results: Sequence[LevelResult],
+) -> TrainedCorrespondence:
+    points = np.stack(
+        [
+            sample(shape, yardstick.template, own)
+            for shape, own in zip(problem.samplers, directions, strict=True)
+        ]
+    )
+    alignment = align(points, yardstick.weights, yardstick.alignment, yardstick.groups)
+    correspondence = Correspondence(
+        template=yardstick.template,
+        ids=tuple(ids),
+        directions=directions,
+        points=points,
+        aligned=alignment.aligned,
+        transforms=alignment.transforms,
+        weights=yardstick.weights,
+    )
+    found = spectrum(alignment.aligned, yardstick.weights)
+    strong = found.eigenvalues > yardstick.l_cut
+    return TrainedCorrespondence(
+        kind=kind,
+        correspondence=correspondence,
+        yardstick=yardstick,
+        mean=alignment.mean,
+        eigenvalues=found.eigenvalues[strong],
+        modes=found.modes[strong],
+        levels=tuple(result.level for result in results),
+        forms=_placing_forms(problem, alignment.aligned[:, problem.index], len(results)),
+        history=tuple(record for result in results for record in result.records),
+        statuses=tuple(result.status for result in results),
+        interior=results[-1].interior if results else None,
+        boundary=results[-1].boundary if results else None,
+    )
+
+
+def _placing_forms(
+    problem: Problem, aligned: FloatArray, n_levels: int
+) -> tuple[QuadraticForm, ...]:
+    """Return what a further shape minimises: the distance to the mean, then ``y^T W y``."""
+    found = spectrum(aligned, problem.weights)
+    nearest = euclidean_form(found.mean, problem.weights, problem.unit_mm**2)
+    shortest = majoriser(found, problem.weights, problem.l_cut)
+    return (nearest, *(shortest for _ in range(n_levels - 1)))[:n_levels]

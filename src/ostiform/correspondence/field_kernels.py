@@ -1,0 +1,349 @@
+"""Compiled kernels of the warps: basis fields, cut-offs at the circles and their integration.
+
+A field is a row of two tables. `numbers` (D, 12) float64: centre 0:3, direction 3:6, first axis of
+the centre's tangent frame 6:9, support 9, angle 10, circle radius 11. `labels` (D, 4) int64: kind,
+component sphere, number of control points on the circle of a twist, and 1 for a field with the
+same kind, centre and support as the row before (the second of an interior control point, the
+further ones of a circle). `circles` (K, 8) float64: centre 0:3, radius 3, cut-off width 4,
+cosine of the outer and of the inner end of the cut-off 5:7, component sphere 7.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ostiform.arrays import FloatArray, IntArray
+
+__all__ = [
+    "BOOST",
+    "BUMP",
+    "ROTATION",
+    "TWIST",
+    "active_fields",
+    "determinants",
+    "field_vectors",
+    "flow_points",
+    "velocities",
+]
+
+BUMP, ROTATION, BOOST, TWIST = 0, 1, 2, 3
+
+
+@njit(cache=True)
+def _smooth_step(s: float) -> float:
+    """Return the quintic 0 -> 1 step, C2 at both ends."""
+    return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+
+@njit(cache=True)
+def _wendland(q: float) -> float:
+    """Return the Wendland C2 bump (1 - q)^4 (4 q + 1)."""
+    if q >= 1.0:
+        return 0.0
+    r = (1.0 - q) * (1.0 - q)
+    return r * r * (4.0 * q + 1.0)
+
+
+@njit(cache=True)
+def _reaches(f: FloatArray, kind: int, x: float, y: float, z: float, margin: float) -> bool:
+    """Return whether a field is not zero within a margin (radians) of a point."""
+    dot = f[0] * x + f[1] * y + f[2] * z
+    if kind == BUMP:
+        return bool(2.0 - 2.0 * dot < (f[9] + margin) ** 2)
+    if kind == TWIST:
+        return bool(abs(math.acos(min(1.0, max(-1.0, dot))) - f[11]) < f[9] + margin)
+    return True
+
+
+@njit(cache=True)
+def _field(f: FloatArray, kind: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the tangent vector of a field other than a twist at a point, before the cut-offs."""
+    if kind == ROTATION:
+        return f[4] * z - f[5] * y, f[5] * x - f[3] * z, f[3] * y - f[4] * x
+    height = 1.0
+    if kind == BUMP:
+        dot = f[0] * x + f[1] * y + f[2] * z
+        height = _wendland(math.sqrt(max(0.0, 2.0 - 2.0 * dot)) / f[9])
+        if height == 0.0:
+            return 0.0, 0.0, 0.0
+    normal = f[3] * x + f[4] * y + f[5] * z
+    return height * (f[3] - normal * x), height * (f[4] - normal * y), height * (f[5] - normal * z)
+
+
+@njit(cache=True)
+def _about_circle(f: FloatArray, u: FloatArray, around: FloatArray) -> None:
+    """Fill `around`: the twist's tangent vector but for the wave along the circle, the angle."""
+    dot = f[0] * u[0] + f[1] * u[1] + f[2] * u[2]
+    rho = math.acos(min(1.0, max(-1.0, dot)))
+    height = _wendland(abs(rho - f[11]) / f[9])
+    if height > 0.0:
+        height /= math.sin(rho)
+    around[0] = height * (f[1] * u[2] - f[2] * u[1])
+    around[1] = height * (f[2] * u[0] - f[0] * u[2])
+    around[2] = height * (f[0] * u[1] - f[1] * u[0])
+    second = (
+        u[0] * (f[1] * f[8] - f[2] * f[7])
+        + u[1] * (f[2] * f[6] - f[0] * f[8])
+        + u[2] * (f[0] * f[7] - f[1] * f[6])
+    )
+    around[3] = math.atan2(second, u[0] * f[6] + u[1] * f[7] + u[2] * f[8])
+
+
+@njit(cache=True)
+def _wave(angle: float, count: int) -> float:
+    """Return the trigonometric interpolant of 1, 0, ..., 0 at an odd number of equal steps."""
+    half = math.sin(0.5 * angle)
+    if abs(half) < 1e-9:
+        return 1.0
+    return math.sin(0.5 * count * angle) / (count * half)
+
+
+@njit(cache=True)
+def _near_circles(
+    circles: FloatArray, sphere: int, on_circle: int, u: FloatArray, normals: FloatArray
+) -> int:
+    """Fill `normals` (K, 4) with the circles near a point and return how many there are.
+
+    Columns: a tangent vector n towards the circle's centre, and the share to take off divided by
+    |n|^2, so that cutting off is ``v -= normals[k, 3] (v . n) n``.
+    """
+    count = 0
+    for k in range(len(circles)):
+        c = circles[k]
+        if c[7] != sphere:
+            continue
+        dot = c[0] * u[0] + c[1] * u[1] + c[2] * u[2]
+        share = 1.0
+        if k != on_circle:
+            if dot <= c[5] or dot >= c[6]:
+                continue
+            s = abs(math.acos(min(1.0, max(-1.0, dot))) - c[3]) / c[4]
+            if s >= 1.0:
+                continue
+            share = 1.0 - _smooth_step(s)
+        square = 0.0
+        for i in range(3):
+            normals[count, i] = c[i] - dot * u[i]
+            square += normals[count, i] ** 2
+        if square > 0.0:
+            normals[count, 3] = share / square
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _cut_off(normals: FloatArray, count: int, v: FloatArray) -> None:
+    """Take the components normal to the near circles off a vector, in place."""
+    for k in range(count):
+        n = normals[k]
+        part = n[3] * (v[0] * n[0] + v[1] * n[1] + v[2] * n[2])
+        v[0] -= part * n[0]
+        v[1] -= part * n[1]
+        v[2] -= part * n[2]
+
+
+@njit(cache=True)
+def active_fields(
+    points: FloatArray, sphere: IntArray, numbers: FloatArray, labels: IntArray, margin: float
+) -> tuple[IntArray, IntArray]:
+    """Return the fields that reach each point, or come within a margin, as rows of indices.
+
+    Returns
+    -------
+    starts : (P + 1,) int64
+    fields : (A,) int64
+        Those of point p are ``fields[starts[p]:starts[p + 1]]``.
+    """
+    count, n_fields = len(points), len(numbers)
+    starts = np.zeros(count + 1, np.int64)
+    found = np.empty(count * n_fields, np.int32)
+    total = 0
+    for p in range(count):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        reaches = False
+        for d in range(n_fields):
+            if labels[d, 1] != sphere[p]:
+                continue
+            if labels[d, 3] == 0:
+                reaches = _reaches(numbers[d], labels[d, 0], x, y, z, margin)
+            if reaches:
+                found[total] = d
+                total += 1
+        starts[p + 1] = total
+    return starts, found[:total].astype(np.int64)
+
+
+@njit(cache=True)
+def field_vectors(
+    points: FloatArray,
+    sphere: IntArray,
+    curve: IntArray,
+    starts: IntArray,
+    fields: IntArray,
+    numbers: FloatArray,
+    labels: IntArray,
+    circles: FloatArray,
+) -> FloatArray:
+    """Return the vector (A, 3) of every active field at its point, cut off at the circles."""
+    vectors = np.empty((len(fields), 3))
+    normals, around = np.empty((len(circles), 4)), np.empty(4)
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        near = _near_circles(circles, sphere[p], curve[p], points[p], normals)
+        for a in range(starts[p], starts[p + 1]):
+            d = fields[a]
+            v = vectors[a]
+            if labels[d, 0] == TWIST:
+                if labels[d, 3] == 0:
+                    _about_circle(numbers[d], points[p], around)
+                wave = _wave(around[3] - numbers[d, 10], labels[d, 2])
+                v[0], v[1], v[2] = wave * around[0], wave * around[1], wave * around[2]
+            else:
+                v[0], v[1], v[2] = _field(numbers[d], labels[d, 0], x, y, z)
+            _cut_off(normals, near, v)
+    return vectors
+
+
+@njit(cache=True)
+def _velocity(
+    u: FloatArray,
+    sphere: int,
+    on_circle: int,
+    active: IntArray,
+    coefficients: FloatArray,
+    numbers: FloatArray,
+    labels: IntArray,
+    circles: FloatArray,
+    normals: FloatArray,
+    around: FloatArray,
+    v: FloatArray,
+) -> None:
+    v[0] = v[1] = v[2] = 0.0
+    for d in active:
+        a = coefficients[d]
+        if labels[d, 0] == TWIST:
+            if labels[d, 3] == 0:
+                _about_circle(numbers[d], u, around)
+            a *= _wave(around[3] - numbers[d, 10], labels[d, 2])
+            vx, vy, vz = around[0], around[1], around[2]
+        else:
+            vx, vy, vz = _field(numbers[d], labels[d, 0], u[0], u[1], u[2])
+        v[0] += a * vx
+        v[1] += a * vy
+        v[2] += a * vz
+    _cut_off(normals, _near_circles(circles, sphere, on_circle, u, normals), v)
+
+
+@njit(cache=True)
+def _land(u: FloatArray, on_circle: int, circles: FloatArray) -> None:
+    """Put a point back on the unit sphere, and on its circle, in place."""
+    if on_circle >= 0:
+        c = circles[on_circle]
+        dot = c[0] * u[0] + c[1] * u[1] + c[2] * u[2]
+        for k in range(3):
+            u[k] -= dot * c[k]
+        scale = math.sin(c[3]) / math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+        for k in range(3):
+            u[k] = scale * u[k] + math.cos(c[3]) * c[k]
+    else:
+        scale = 1.0 / math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+        for k in range(3):
+            u[k] *= scale
+
+
+@njit(cache=True)
+def flow_points(
+    points: FloatArray,
+    sphere: IntArray,
+    curve: IntArray,
+    starts: IntArray,
+    fields: IntArray,
+    coefficients: FloatArray,
+    numbers: FloatArray,
+    labels: IntArray,
+    circles: FloatArray,
+    steps: int,
+) -> FloatArray:
+    """Carry points (P, 3) along a stationary velocity for unit time by RK4 on the sphere."""
+    moved = points.copy()
+    h = 1.0 / steps
+    rates = np.empty((4, 3))
+    at = np.empty(3)
+    normals, around = np.empty((len(circles), 4)), np.empty(4)
+    for p in range(len(points)):
+        active = fields[starts[p] : starts[p + 1]]
+        u = moved[p]
+        for _ in range(steps):
+            at[:] = u
+            for stage in range(4):
+                _velocity(
+                    at,
+                    sphere[p],
+                    curve[p],
+                    active,
+                    coefficients,
+                    numbers,
+                    labels,
+                    circles,
+                    normals,
+                    around,
+                    rates[stage],
+                )
+                if stage < 3:
+                    part = h if stage == 2 else 0.5 * h
+                    for k in range(3):
+                        at[k] = u[k] + part * rates[stage, k]
+                    _land(at, curve[p], circles)
+            for k in range(3):
+                u[k] += (
+                    h * (rates[0, k] + 2.0 * rates[1, k] + 2.0 * rates[2, k] + rates[3, k]) / 6.0
+                )
+            _land(u, curve[p], circles)
+    return moved
+
+
+@njit(cache=True)
+def velocities(
+    points: FloatArray,
+    sphere: IntArray,
+    curve: IntArray,
+    starts: IntArray,
+    fields: IntArray,
+    coefficients: FloatArray,
+    numbers: FloatArray,
+    labels: IntArray,
+    circles: FloatArray,
+) -> FloatArray:
+    """Return the velocity (P, 3) at points."""
+    rates = np.empty((len(points), 3))
+    normals, around = np.empty((len(circles), 4)), np.empty(4)
+    for p in range(len(points)):
+        _velocity(
+            points[p],
+            sphere[p],
+            curve[p],
+            fields[starts[p] : starts[p + 1]],
+            coefficients,
+            numbers,
+            labels,
+            circles,
+            normals,
+            around,
+            rates[p],
+        )
+    return rates
+
+
+@njit(cache=True)
+def determinants(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return ``det(a, b, c)`` (F,) of the corners of triangles; positive seen from outside."""
+    values = np.empty(len(faces))
+    for t in range(len(faces)):
+        a, b, c = points[faces[t, 0]], points[faces[t, 1]], points[faces[t, 2]]
+        values[t] = (
+            a[0] * (b[1] * c[2] - b[2] * c[1])
+            + a[1] * (b[2] * c[0] - b[0] * c[2])
+            + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
+    return values

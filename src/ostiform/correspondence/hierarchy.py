@@ -1,0 +1,260 @@
+"""From coarse to fine: level 1 is Euclidean, the later levels minimise the description length."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.correspondence.alignment import align
+from ostiform.correspondence.conjugate_gradient import conjugate_gradient_sweep
+from ostiform.correspondence.control_points import (
+    ControlPoints,
+    basis_of,
+    boundary_control_points,
+    insert_interior,
+    joined,
+    no_control_points,
+)
+from ostiform.correspondence.description_length import (
+    QuadraticForm,
+    description_length,
+    majoriser,
+    spectrum,
+)
+from ostiform.correspondence.euclidean import euclidean_forms, euclidean_value, medoid
+from ostiform.correspondence.penalty import displacement_penalty
+from ostiform.correspondence.sampling import ShapeSampler
+from ostiform.correspondence.settings import CorrespondenceSettings
+from ostiform.correspondence.shape_step import WarpLevel, start, warp_level
+from ostiform.correspondence.sweeps import (
+    LevelStatus,
+    Population,
+    Progress,
+    SweepObjective,
+    SweepOutcome,
+    SweepRecord,
+    area_shares,
+    joint_sweep,
+    realigned,
+    run_sweeps,
+)
+from ostiform.domain import Template
+
+__all__ = [
+    "LevelResult",
+    "Problem",
+    "coarse_template",
+    "euclidean_level",
+    "first_population",
+    "optimal_levels",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """What stays the same through all levels.
+
+    Attributes
+    ----------
+    samplers : tuple of ShapeSampler
+    template, coarse : Template
+        All P points, and the Q at which the objective is evaluated.
+    index : (Q,) int64
+        Of the coarse points in the template.
+    weights : (Q,) float64
+        Area shares of the coarse points in the conformal sampling, mean over the shapes.
+    circles : (K, 8) float64
+        See `warps.circle_table`.
+    groups : (N,) int64
+        Shapes that share a transform.
+    l_cut : float
+        mm^2.
+    unit_mm : float
+        Of the distances of level 1.
+    settings : CorrespondenceSettings
+    """
+
+    samplers: tuple[ShapeSampler, ...]
+    template: Template
+    coarse: Template
+    index: IntArray
+    weights: FloatArray
+    circles: FloatArray
+    groups: IntArray
+    l_cut: float
+    unit_mm: float
+    settings: CorrespondenceSettings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelResult:
+    """What a level leaves behind.
+
+    Attributes
+    ----------
+    population : Population
+    level : WarpLevel
+        With the fields of the level, to place further shapes.
+    interior, boundary : ControlPoints
+    records : tuple of SweepRecord
+    status : LevelStatus
+    """
+
+    population: Population
+    level: WarpLevel
+    interior: ControlPoints
+    boundary: ControlPoints
+    records: tuple[SweepRecord, ...]
+    status: LevelStatus
+
+
+def coarse_template(template: Template, least: int) -> tuple[Template, IntArray]:
+    """Return the coarsest level of a template with at least so many points, and their indices.
+
+    The whole template where no level has as many.
+    """
+    for level in template.levels:
+        if least <= len(level.index) < len(template.points):
+            index = level.index
+            coarse = Template(
+                points=template.points[index],
+                sphere=template.sphere[index],
+                part=template.part[index],
+                faces=level.faces,
+                face_part=level.face_part,
+                parts=template.parts,
+                curve=template.curve[index],
+                curves=template.curves,
+                loops={},
+            )
+            return coarse, index
+    return template, np.arange(len(template.points))
+
+
+def first_population(problem: Problem, directions: FloatArray) -> Population:
+    """Return shapes whose template points are at directions (N, P, 3), aligned."""
+    level = _level(problem, no_control_points(), no_control_points())
+    states = tuple(
+        start(sampler, level, own)
+        for sampler, own in zip(problem.samplers, directions, strict=True)
+    )
+    identity = np.broadcast_to(np.eye(4), (len(states), 4, 4))
+    population = Population(states, identity)
+    mode = problem.settings.alignment
+    found = align(population.landmarks, problem.weights, mode, problem.groups)
+    return replace(population, transforms=found.transforms)
+
+
+def euclidean_level(
+    problem: Problem, population: Population, progress: Progress | None
+) -> LevelResult:
+    """Return level 1: every shape as near as its penalty allows to the medoid.
+
+    The fields are few and smooth: six conformal fields per sphere (rotations and boosts, cut off
+    at the circles) and the sliding of every circle as a whole.
+    """
+    interior, boundary = no_control_points(), boundary_control_points(problem.circles, 1)
+    level = _level(problem, interior, boundary)
+    reference = medoid(population.aligned, problem.weights)
+
+    def forms(aligned: FloatArray) -> tuple[QuadraticForm, ...]:
+        shares = area_shares(aligned, problem.coarse.faces)
+        return euclidean_forms(aligned, shares, reference, problem.unit_mm)
+
+    def take(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+        return joint_sweep(problem.samplers, current, level, forms(current.aligned))
+
+    def value(aligned: FloatArray) -> float:
+        return euclidean_value(forms(aligned), aligned)
+
+    objective = SweepObjective(value, take, _realigner(problem, value))
+    return _swept(
+        problem, population, level, (interior, boundary), ("euclidean", 1), objective, progress
+    )
+
+
+def optimal_levels(
+    problem: Problem, population: Population, progress: Progress | None
+) -> tuple[LevelResult, ...]:
+    """Return levels 2 and finer, each minimising the description length of the whole set."""
+    settings = problem.settings
+    rng = np.random.default_rng(settings.seed)
+    import os
+
+    AN = float(os.environ.get("ANNEAL", "0"))
+    cell = [problem.l_cut]
+    V0 = ((population.aligned - population.aligned.mean(0)) ** 2).sum(2).dot(problem.weights).mean()
+
+    def value(aligned: FloatArray) -> float:
+        return description_length(aligned, problem.weights, cell[0])
+
+    def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+        found = spectrum(current.aligned, problem.weights)
+        form = majoriser(found, problem.weights, cell[0])
+        return joint_sweep(problem.samplers, current, level, (form,) * len(current.states))
+
+    def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+        return conjugate_gradient_sweep(
+            problem.samplers, current, level, problem.weights, problem.l_cut, rng
+        )
+
+    take = majorise if settings.optimiser == "majorise" else descend
+    objective = SweepObjective(value, take, _realigner(problem, value))
+    results: list[LevelResult] = []
+    interior = no_control_points()
+    for number in range(2, settings.levels + 1):
+        mean_shape = population.aligned.mean(axis=0)
+        if AN:
+            cell[0] = problem.l_cut * max(1, AN * V0 / problem.l_cut) ** (
+                (settings.levels - number) / (settings.levels - 2)
+            )
+        interior = insert_interior(interior, problem.coarse, mean_shape, number)
+        boundary = boundary_control_points(problem.circles, number)
+        level = _level(problem, interior, boundary)
+        result = _swept(
+            problem,
+            population,
+            level,
+            (interior, boundary),
+            ("optimal", number),
+            objective,
+            progress,
+        )
+        population = result.population
+        results.append(result)
+    return tuple(results)
+
+
+def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -> WarpLevel:
+    n_spheres = int(problem.template.sphere.max()) + 1
+    basis = basis_of(interior, boundary, problem.circles, n_spheres)
+    penalty = displacement_penalty(
+        problem.coarse, problem.weights, problem.settings.stretch, problem.settings.offset
+    )
+    return warp_level(problem.template, problem.coarse, problem.index, basis, penalty)
+
+
+def _realigner(
+    problem: Problem, value: Callable[[FloatArray], float]
+) -> Callable[[Population], Population]:
+    def realign(current: Population) -> Population:
+        return realigned(
+            current, problem.weights, problem.settings.alignment, problem.groups, value
+        )
+
+    return realign
+
+
+def _swept(
+    problem: Problem,
+    population: Population,
+    level: WarpLevel,
+    control: tuple[ControlPoints, ControlPoints],
+    labels: tuple[str, int],
+    objective: SweepObjective,
+    progress: Progress | None,
+) -> LevelResult:
+    limits = (problem.settings.sweeps, problem.settings.tolerance)
+    population, records, status = run_sweeps(population, level, objective, labels, limits, progress)
+    return LevelResult(population, level, *control, records, status)

@@ -1,0 +1,273 @@
+"""One shape's Gauss-Newton step on its own least-squares problem: pure, so it can be mapped.
+
+The objective of a shape is ``z^T W z + penalty``: a quadratic form of its scaled, aligned
+landmarks (Euclidean at level 1, the majoriser of the description length after) and the penalty on
+its accumulated displacement. A step proposes coefficients of the basis fields at the current
+positions; an advance composes their flow onto the current map and accepts it only if the
+objective of the shape falls and no triangle of the template is turned over or nearly so.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.correspondence.assembly_kernels import (
+    landmark_derivatives,
+    normal_matrix,
+    pulled_back,
+    score_derivatives,
+)
+from ostiform.correspondence.description_length import QuadraticForm, form_product, form_value
+from ostiform.correspondence.penalty import (
+    DisplacementPenalty,
+    penalty_force,
+    penalty_hessian,
+    penalty_value,
+)
+from ostiform.correspondence.sampling import ShapeSampler, sample, sample_with_derivative
+from ostiform.correspondence.warps import (
+    FieldBasis,
+    active,
+    fastest_point,
+    flow,
+    orientation_share,
+)
+from ostiform.domain import Template
+
+__all__ = [
+    "Proposal",
+    "WarpLevel",
+    "WarpState",
+    "advance",
+    "gradient",
+    "objective",
+    "propose",
+    "start",
+    "warp_level",
+]
+
+# No point travels farther in one step (radians); longer steps are scaled down, which keeps the
+# linearisation of the surface and two Runge-Kutta steps honest.
+LONGEST_STEP = 0.15
+
+# A template triangle keeps at least this share of its initial determinant.
+LEAST_ORIENTATION_SHARE = 0.1
+
+# Levenberg damping relative to the mean diagonal of the normal matrix: start, limits, and the
+# factors after a full step and after a shortened or refused one.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e3
+EASE, TIGHTEN = 1.0 / 3.0, 4.0
+
+HALVINGS = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WarpState:
+    """Where one shape's warp stands.
+
+    Attributes
+    ----------
+    directions : (P, 3) float64
+        Every template point's current position on its sphere.
+    landmarks : (Q, 3) float64, mm
+        The shape sampled at the optimiser's points, input coordinates.
+    damping : float
+        Levenberg damping of the next step.
+    """
+
+    directions: FloatArray
+    landmarks: FloatArray
+    damping: float = FIRST_DAMPING
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WarpLevel:
+    """What the shapes share during the sweeps of one level.
+
+    Attributes
+    ----------
+    template : Template
+        All P points: they are carried along and kept free of turned triangles.
+    coarse : Template
+        The Q points at which the objective is evaluated.
+    index : (Q,) int64
+        Their indices in `template`.
+    basis : FieldBasis
+        D fields.
+    penalty : DisplacementPenalty
+        On the Q points.
+    curvature : (D, D) float64
+        Half the penalty's second derivative at the identity warp.
+    """
+
+    template: Template
+    coarse: Template
+    index: IntArray
+    basis: FieldBasis
+    penalty: DisplacementPenalty
+    curvature: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A step that a shape would like to take.
+
+    Attributes
+    ----------
+    coefficients : (D,) float64
+    objective : float
+        The shape's objective before the step.
+    expected : float
+        Decrease that the quadratic model promises: the squared gradient in the metric of its
+        Hessian, so a measure of the gradient without units.
+    """
+
+    coefficients: FloatArray
+    objective: float
+    expected: float
+
+
+def warp_level(
+    template: Template,
+    coarse: Template,
+    index: IntArray,
+    basis: FieldBasis,
+    penalty: DisplacementPenalty,
+) -> WarpLevel:
+    """Return the shared values of a level, with the penalty's curvature at the identity."""
+    fields = active(basis, coarse, coarse.points)
+    curvature = penalty_hessian(penalty, fields, len(basis))
+    return WarpLevel(template, coarse, index, basis, penalty, curvature)
+
+
+def start(sampler: ShapeSampler, level: WarpLevel, directions: FloatArray) -> WarpState:
+    """Return the state of a shape whose template points are at `directions` (P, 3)."""
+    return WarpState(directions, sample(sampler, level.coarse, directions[level.index]))
+
+
+def objective(
+    state: WarpState, level: WarpLevel, form: QuadraticForm, transform: FloatArray
+) -> float:
+    """Return ``z^T W z + penalty`` of a shape."""
+    aligned = state.landmarks @ transform[:3, :3].T + transform[:3, 3]
+    return form_value(form, aligned) + penalty_value(level.penalty, state.directions[level.index])
+
+
+def gradient(
+    sampler: ShapeSampler,
+    state: WarpState,
+    level: WarpLevel,
+    form: QuadraticForm,
+    transform: FloatArray,
+) -> FloatArray:
+    """Return the derivative (D,) of the objective by the coefficients of a flow composed on top."""
+    return 2.0 * _system(sampler, state, level, form, transform)[0]
+
+
+def propose(
+    sampler: ShapeSampler,
+    state: WarpState,
+    level: WarpLevel,
+    form: QuadraticForm,
+    transform: FloatArray,
+) -> Proposal:
+    """Return a Levenberg-damped Gauss-Newton step of one shape.
+
+    Parameters
+    ----------
+    sampler : ShapeSampler
+    state : WarpState
+    level : WarpLevel
+    form : QuadraticForm
+        Of the Q aligned landmarks.
+    transform : (4, 4) float64
+        From input to aligned coordinates.
+    """
+    half_gradient, moved, starts, fields = _system(sampler, state, level, form, transform)
+    count = len(level.basis)
+    hessian = form.scale * normal_matrix(starts, fields, moved, count)
+    if len(form.modes):
+        scores = score_derivatives(
+            starts, fields, moved, np.ascontiguousarray(form.modes.T), count
+        )  # (D, R)
+        hessian -= (scores * form.gains) @ scores.T
+    hessian += level.curvature
+    diagonal = np.diagonal(hessian)
+    damped = hessian + np.diag(
+        state.damping * np.maximum(diagonal, 1e-3 * max(diagonal.mean(), np.finfo(float).tiny))
+    )
+    coefficients = -cho_solve(cho_factor(damped, check_finite=False), half_gradient)
+    expected = -float(half_gradient @ coefficients)
+    before = objective(state, level, form, transform)
+    return Proposal(coefficients, before, expected)
+
+
+def advance(
+    sampler: ShapeSampler,
+    state: WarpState,
+    level: WarpLevel,
+    form: QuadraticForm,
+    transform: FloatArray,
+    coefficients: FloatArray,
+) -> tuple[WarpState, float]:
+    """Return the state after the longest acceptable part of a step, and that part (0 to 1).
+
+    Accepted is what lowers the shape's objective and leaves every template triangle at least a
+    tenth of its initial determinant; a step refused at every length leaves the state but for
+    its damping.
+    """
+    before = objective(state, level, form, transform)
+    fastest = fastest_point(level.basis, level.coarse, state.directions[level.index], coefficients)
+    part = min(1.0, LONGEST_STEP / max(fastest, np.finfo(float).tiny))
+    limited = part < 1.0
+    floor = min(LEAST_ORIENTATION_SHARE, orientation_share(level.template, state.directions))
+    for halving in range(HALVINGS + 1):
+        directions = flow(
+            level.basis,
+            level.template,
+            state.directions,
+            part * coefficients,
+            fastest=part * fastest,
+        )
+        if orientation_share(level.template, directions) >= floor:
+            landmarks = sample(sampler, level.coarse, directions[level.index])
+            trial = WarpState(directions, landmarks, state.damping)
+            if objective(trial, level, form, transform) < before:
+                factor = EASE if halving == 0 and not limited else 1.0 if halving <= 1 else TIGHTEN
+                return replace(trial, damping=_clipped(state.damping * factor)), part
+        part *= 0.5
+    return replace(state, damping=_clipped(state.damping * TIGHTEN**2)), 0.0
+
+
+def _clipped(damping: float) -> float:
+    return min(max(damping, LEAST_DAMPING), MOST_DAMPING)
+
+
+def _system(
+    sampler: ShapeSampler,
+    state: WarpState,
+    level: WarpLevel,
+    form: QuadraticForm,
+    transform: FloatArray,
+) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
+    """Return half the gradient (D,) and the derivative of the landmarks as a sparse matrix."""
+    directions = state.directions[level.index]
+    fields = active(level.basis, level.coarse, directions)
+    points, derivatives = sample_with_derivative(sampler, level.coarse, directions)
+    linear = np.ascontiguousarray(transform[:3, :3])
+    moved = landmark_derivatives(
+        fields.starts, fields.vectors, derivatives, linear, form.root_weights
+    )
+    force = form_product(form, points @ linear.T + transform[:3, 3])
+    count = len(level.basis)
+    half_gradient = pulled_back(fields.starts, fields.fields, moved, force, count)
+    half_gradient += pulled_back(
+        fields.starts,
+        fields.fields,
+        fields.vectors,
+        penalty_force(level.penalty, directions),
+        count,
+    )
+    return half_gradient, moved, fields.starts, fields.fields

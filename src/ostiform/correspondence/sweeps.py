@@ -1,0 +1,286 @@
+"""Sweeps over the shapes of a population: one record per sweep, one status per level."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TypeAlias
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.correspondence.alignment import AlignmentMode, align
+from ostiform.correspondence.description_length import QuadraticForm
+from ostiform.correspondence.penalty import penalty_value
+from ostiform.correspondence.sampling import ShapeSampler
+from ostiform.correspondence.shape_step import WarpLevel, WarpState, advance, propose
+from ostiform.surface import vertex_areas
+
+__all__ = [
+    "LevelStatus",
+    "Population",
+    "Progress",
+    "SweepObjective",
+    "SweepOutcome",
+    "SweepRecord",
+    "area_shares",
+    "joint_sweep",
+    "mean_penalty",
+    "realigned",
+    "run_sweeps",
+    "sweep_outcome",
+]
+
+
+class LevelStatus(Enum):
+    """How the sweeps of a level ended."""
+
+    CONVERGED = "the objective and its gradient changed by less than the tolerance"
+    SWEEP_LIMIT = "stopped at the largest number of sweeps before converging"
+    STALLED = "no shape found a step that lowers the objective, although the gradient is not small"
+
+
+@dataclass(frozen=True, slots=True)
+class SweepRecord:
+    """What one sweep over all shapes did.
+
+    Attributes
+    ----------
+    stage : str
+        ``"euclidean"`` or ``"optimal"``.
+    level, sweep : int
+        From 1; sweep 0 is the state before the first.
+    objective : float
+        Mean squared distance in units of `euclidean_noise_mm` (level 1) or description length,
+        at the optimiser's points, plus the mean penalty.
+    penalty : float
+        The penalty's part of the objective.
+    step_rad : float
+        Root mean square displacement of the points in this sweep.
+    gradient : float
+        Decrease that the quadratic models promise from here, over the objective.
+    drift : float
+        Norm of the mean coefficients over the shapes after the steps were accepted, over the
+        root mean square norm; 0 when no velocity is common to all.
+    accepted : int
+        Shapes that took a step.
+    seconds : float
+        Processor time of the sweep.
+    """
+
+    stage: str
+    level: int
+    sweep: int
+    objective: float
+    penalty: float
+    step_rad: float
+    gradient: float
+    drift: float
+    accepted: int
+    seconds: float
+
+
+Progress: TypeAlias = Callable[[SweepRecord], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Population:
+    """The warps of all shapes and the alignment they are judged in.
+
+    Attributes
+    ----------
+    states : tuple of WarpState
+    transforms : (N, 4, 4) float64
+        From input to aligned coordinates.
+    """
+
+    states: tuple[WarpState, ...]
+    transforms: FloatArray
+
+    @property
+    def landmarks(self) -> FloatArray:
+        """Sampled points (N, Q, 3) in input coordinates, mm."""
+        return np.stack([state.landmarks for state in self.states])
+
+    @property
+    def aligned(self) -> FloatArray:
+        """Sampled points (N, Q, 3) in aligned coordinates, mm."""
+        linear = self.transforms[:, None, :3, :3]  # (N, 1, 3, 3)
+        moved = (linear @ self.landmarks[..., None])[..., 0]
+        aligned: FloatArray = moved + self.transforms[:, None, :3, 3]
+        return aligned
+
+
+def area_shares(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return every point's share (N, P) of the area of each sampled surface (N, P, 3)."""
+    areas = np.stack([vertex_areas(shape, faces) for shape in points])
+    shares: FloatArray = areas / areas.sum(axis=1, keepdims=True)
+    return shares
+
+
+def mean_penalty(population: Population, level: WarpLevel) -> float:
+    """Return the penalty summed over the shapes and divided by N - 1, as it goes with F."""
+    total = sum(
+        penalty_value(level.penalty, state.directions[level.index]) for state in population.states
+    )
+    return total / max(len(population.states) - 1, 1)
+
+
+def realigned(
+    population: Population,
+    weights: FloatArray,
+    mode: AlignmentMode,
+    groups: IntArray,
+    value: Callable[[FloatArray], float],
+) -> Population:
+    """Return the population aligned afresh, if that lowers a function of the aligned points."""
+    if mode == "none":
+        return population
+    found = align(population.landmarks, weights, mode, groups)
+    if value(found.aligned) <= value(population.aligned):
+        return replace(population, transforms=found.transforms)
+    return population
+
+
+@dataclass(frozen=True, slots=True)
+class SweepOutcome:
+    """What a sweep reports beside the new population; see `SweepRecord`.
+
+    Attributes
+    ----------
+    expected : float
+        Decrease of the objective that the quadratic models of the shapes promised.
+    drift, step_rad : float
+    accepted : int
+    """
+
+    expected: float
+    drift: float
+    accepted: int
+    step_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class SweepObjective:
+    """What a level minimises, and how.
+
+    Attributes
+    ----------
+    value : callable
+        From aligned points (N, Q, 3) to the objective without the penalty.
+    take : callable
+        One sweep.
+    realign : callable
+        The population aligned afresh where that helps.
+    """
+
+    value: Callable[[FloatArray], float]
+    take: Callable[[Population, WarpLevel], tuple[Population, SweepOutcome]]
+    realign: Callable[[Population], Population]
+
+
+def joint_sweep(
+    samplers: Sequence[ShapeSampler],
+    population: Population,
+    level: WarpLevel,
+    forms: Sequence[QuadraticForm],
+) -> tuple[Population, SweepOutcome]:
+    """Return the population after every shape took a step on its own objective.
+
+    The steps are made without regard to each other and their mean over the population is removed
+    (a velocity common to all shapes moves points together and explains nothing); then each shape
+    takes the longest part of its step that lowers its own objective.
+    """
+    triples = list(zip(samplers, population.states, forms, population.transforms, strict=True))
+    proposals = [
+        propose(sampler, state, level, form, transform)
+        for sampler, state, form, transform in triples
+    ]
+    steps = np.stack([proposal.coefficients for proposal in proposals])  # (N, D)
+    steps -= steps.mean(axis=0)
+    outcomes = [
+        advance(sampler, state, level, form, transform, step)
+        for (sampler, state, form, transform), step in zip(triples, steps, strict=True)
+    ]
+    parts = np.array([part for _, part in outcomes])
+    moved = replace(population, states=tuple(state for state, _ in outcomes))
+    expected = sum(proposal.expected for proposal in proposals) / max(len(proposals) - 1, 1)
+    return moved, sweep_outcome(population, moved, steps * parts[:, None], expected)
+
+
+def sweep_outcome(
+    before: Population, after: Population, taken: FloatArray, expected: float
+) -> SweepOutcome:
+    """Return what a sweep did, from the coefficients (N, D) that each shape took."""
+    size = float(np.sqrt((taken**2).sum(axis=1).mean()))
+    moved = np.stack(
+        [
+            new.directions - old.directions
+            for new, old in zip(after.states, before.states, strict=True)
+        ]
+    )
+    return SweepOutcome(
+        expected=expected,
+        drift=float(np.linalg.norm(taken.mean(axis=0))) / size if size > 0.0 else 0.0,
+        accepted=int((taken != 0.0).any(axis=1).sum()),
+        step_rad=float(np.sqrt((moved**2).sum(axis=2).mean())),
+    )
+
+
+def run_sweeps(
+    population: Population,
+    level: WarpLevel,
+    objective: SweepObjective,
+    labels: tuple[str, int],
+    limits: tuple[int, float],
+    progress: Progress | None,
+) -> tuple[Population, tuple[SweepRecord, ...], LevelStatus]:
+    """Return the population after the sweeps of one level, their records and the status.
+
+    Parameters
+    ----------
+    population : Population
+    level : WarpLevel
+    objective : SweepObjective
+    labels : (str, int)
+        Stage and level, for the records.
+    limits : (int, float)
+        Most sweeps, and the tolerance on the relative decrease and on the gradient.
+    progress : callable or None
+        Called with every record.
+    """
+    stage, number = labels
+    most, tolerance = limits
+    best, penalty = objective.value(population.aligned), mean_penalty(population, level)
+    best += penalty
+    records = [SweepRecord(stage, number, 0, best, penalty, 0.0, 0.0, 0.0, 0, 0.0)]
+    status = LevelStatus.SWEEP_LIMIT
+    for sweep in range(1, most + 1):
+        clock = time.process_time()
+        population, outcome = objective.take(population, level)
+        population = objective.realign(population)
+        penalty = mean_penalty(population, level)
+        reached = objective.value(population.aligned) + penalty
+        scale = max(abs(reached), np.finfo(float).tiny)
+        record = SweepRecord(
+            stage,
+            number,
+            sweep,
+            reached,
+            penalty,
+            outcome.step_rad,
+            outcome.expected / scale,
+            outcome.drift,
+            outcome.accepted,
+            time.process_time() - clock,
+        )
+        records.append(record)
+        if progress is not None:
+            progress(record)
+        decrease = (best - reached) / scale
+        best = reached
+        small = record.gradient < tolerance
+        if decrease < tolerance and (small or outcome.accepted == 0):
+            status = LevelStatus.CONVERGED if small else LevelStatus.STALLED
+            break
+    return population, tuple(records), status
