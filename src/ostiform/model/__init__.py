@@ -1,1 +1,101 @@
-"""model."""
+"""Statistical shape models: area-weighted principal components, their algebra, and their files."""
+
+from ostiform.model.cycles import (
+    CycleModel,
+    beating_shape,
+    cycle_shapes,
+    fit_cycle_model,
+    random_cycles,
+)
+from ostiform.model.dynamics import (
+    DynamicModel,
+    PhasePrediction,
+    VarianceShare,
+    between_share,
+    dynamic_model_of,
+    fit_dynamic_model,
+    mean_cycle,
+    phase_prediction,
+    resampled_cycle,
+    subject_means,
+    within_shapes,
+)
+from ostiform.model.files import (
+    read_correspondence,
+    write_corresponded_shape,
+    write_correspondence,
+    write_mean,
+    write_mode,
+)
+from ostiform.model.pca import (
+    fit_model,
+    marginal,
+    model_in_span,
+    part_marginal,
+    posterior,
+    principal_modes,
+    project,
+    reconstruct,
+    sample_scores,
+    sample_shapes,
+    truncated,
+)
+from ostiform.model.phases import phase_weights, with_landmarks_aligned
+from ostiform.model.statismo import read_model, read_statismo, write_model
+from ostiform.model.trajectories import (
+    Trajectories,
+    TrajectorySettings,
+    fit_trajectories,
+    fourier_design,
+    interpolation_errors,
+)
+from ostiform.model.types import ModelMesh, ShapeModel, StoredModel, mesh_of_template
+
+__all__ = [
+    "CycleModel",
+    "DynamicModel",
+    "ModelMesh",
+    "PhasePrediction",
+    "ShapeModel",
+    "StoredModel",
+    "Trajectories",
+    "TrajectorySettings",
+    "VarianceShare",
+    "beating_shape",
+    "between_share",
+    "cycle_shapes",
+    "dynamic_model_of",
+    "fit_cycle_model",
+    "fit_dynamic_model",
+    "fit_model",
+    "fit_trajectories",
+    "fourier_design",
+    "interpolation_errors",
+    "marginal",
+    "mean_cycle",
+    "mesh_of_template",
+    "model_in_span",
+    "part_marginal",
+    "phase_prediction",
+    "phase_weights",
+    "posterior",
+    "principal_modes",
+    "project",
+    "random_cycles",
+    "read_correspondence",
+    "read_model",
+    "read_statismo",
+    "reconstruct",
+    "resampled_cycle",
+    "sample_scores",
+    "sample_shapes",
+    "subject_means",
+    "truncated",
+    "with_landmarks_aligned",
+    "within_shapes",
+    "write_corresponded_shape",
+    "write_correspondence",
+    "write_mean",
+    "write_mode",
+    "write_model",
+]

@@ -1,0 +1,77 @@
+"""All the evidence about one model of a population in one call."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ostiform.correspondence import Correspondence
+from ostiform.correspondence.description_length import description_length
+from ostiform.errors import InputError
+from ostiform.evaluation.compactness import model_compactness
+from ostiform.evaluation.coverage import shape_coverage
+from ostiform.evaluation.generalisation import Generalisation, OriginalMesh
+from ostiform.evaluation.specificity import model_specificity
+from ostiform.evaluation.truth import TruthDistance
+from ostiform.evaluation.types import Evaluation
+from ostiform.model import ShapeModel
+
+__all__ = ["evaluate_model"]
+
+
+def evaluate_model(
+    kind: str,
+    model: ShapeModel,
+    shapes: tuple[Correspondence, Correspondence],
+    originals: Sequence[OriginalMesh],
+    l_cut: float,
+    seed: int,
+    generalisation: Generalisation | None = None,
+    truth: TruthDistance | None = None,
+) -> Evaluation:
+    """Gather the evidence about one model; what takes long is computed before and passed in.
+
+    Parameters
+    ----------
+    kind : str
+    model : ShapeModel
+        Fitted to the aligned shapes of the correspondence.
+    shapes : (Correspondence, Correspondence)
+        The model's correspondence, and the initial one that no warp has touched, of the same
+        shapes and template (the same one twice for the conformal model).
+    originals : sequence of OriginalMesh
+        Of all shapes, in study order.
+    l_cut : float, mm^2
+        Of the yardstick that the models of a comparison share.
+    seed : int
+        For the random shapes of the specificity: the same for the models of a comparison.
+    generalisation : Generalisation, optional
+    truth : TruthDistance, optional
+
+    Raises
+    ------
+    InputError
+        If the two correspondences or the originals are not of the same shapes.
+    """
+    correspondence, initial = shapes
+    if correspondence.ids != initial.ids or len(originals) != len(initial.ids):
+        raise InputError(
+            f"evaluation of the {kind} model: expected the same shapes in the correspondence, the "
+            f"initial one and the originals, found {len(correspondence.ids)}, {len(initial.ids)} "
+            f"and {len(originals)}"
+        )
+    return Evaluation(
+        kind=kind,
+        ids=correspondence.ids,
+        compactness=model_compactness(model),
+        description_length=description_length(correspondence.aligned, model.weights, l_cut),
+        l_cut=l_cut,
+        specificity=model_specificity(model, correspondence.aligned, np.random.default_rng(seed)),
+        coverage=tuple(
+            shape_coverage(original, points, initial_points, correspondence.template.faces)
+            for original, points, initial_points in zip(
+                originals, correspondence.points, initial.points, strict=True
+            )
+        ),
+        generalisation=generalisation,
+        truth=truth,
+    )

@@ -1,0 +1,95 @@
+"""How far a correspondence is from the true one, where that is known (design 6)."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.correspondence import Correspondence
+from ostiform.errors import InputError
+from ostiform.study import ShapeId
+
+__all__ = ["MaterialMap", "TruthDistance", "distance_to_truth"]
+
+MaterialMap: TypeAlias = Callable[[ShapeId, str, FloatArray], FloatArray]
+"""From a shape, one of its parts and n points to n points: input coordinates to material
+coordinates (n, D) or back. The way to material coordinates first projects to the true surface."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthDistance:
+    """Distance of a correspondence from the true one, mm in input coordinates.
+
+    Attributes
+    ----------
+    mean : float
+        Mean over ordered pairs of shapes of the weighted mean over points.
+    p95 : float
+        95 % over (pair, point), each counting once.
+    parts : mapping of str to (float, float)
+        The same two numbers over the points of each part, weights rescaled to sum 1 on it.
+    """
+
+    mean: float
+    p95: float
+    parts: Mapping[str, tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "parts", frozen_mapping(self.parts))
+
+
+def distance_to_truth(
+    correspondence: Correspondence, to_material: MaterialMap, from_material: MaterialMap
+) -> TruthDistance:
+    """Measure a correspondence against the true one.
+
+    With g_i the true map from material coordinates to shape i, the mean over ordered pairs
+    i != j of ``sum_p w_p |g_j(g_i^-1(x_ip)) - x_jp|``. No shape is a reference. A seam point
+    counts for the first part of its seam.
+
+    Parameters
+    ----------
+    correspondence : Correspondence
+    to_material : callable
+        ``to_material(id, part, points (n, 3)) -> (n, D)``.
+    from_material : callable
+        ``from_material(id, part, material (n, D)) -> (n, 3)``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes.
+    """
+    ids, template = correspondence.ids, correspondence.template
+    if len(ids) < 2:
+        raise InputError(
+            f"distance to the true correspondence: expected at least 2 shapes, found {len(ids)}"
+        )
+    place = {part: np.flatnonzero(template.part == i) for i, part in enumerate(template.parts)}
+    place = {part: chosen for part, chosen in place.items() if len(chosen)}
+    means = {part: 0.0 for part in place}
+    errors = np.empty((len(ids), len(ids) - 1, len(template.points)), dtype=np.float32)
+    for part, chosen in place.items():
+        points = correspondence.points[:, chosen]  # (N, Q, 3)
+        weights = correspondence.weights[chosen]
+        material = np.stack(
+            [to_material(id, part, x) for id, x in zip(ids, points, strict=True)]
+        )  # (N, Q, D)
+        for target, id in enumerate(ids):
+            others = np.delete(material, target, axis=0).reshape(-1, material.shape[-1])
+            carried = from_material(id, part, others).reshape(-1, len(chosen), 3)
+            distances = np.linalg.norm(carried - points[target], axis=2)  # (N - 1, Q)
+            means[part] += float((distances @ weights).mean()) / len(ids)
+            errors[target][:, chosen] = distances
+    shares = {part: float(correspondence.weights[chosen].sum()) for part, chosen in place.items()}
+    return TruthDistance(
+        mean=sum(means.values()),
+        p95=float(np.percentile(errors, 95.0)),
+        parts={
+            part: (means[part] / shares[part], float(np.percentile(errors[..., chosen], 95.0)))
+            for part, chosen in place.items()
+        },
+    )

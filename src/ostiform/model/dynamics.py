@@ -1,0 +1,359 @@
+"""Who and when: a population of beating shapes split into subjects and motion (design 6).
+
+Multilevel principal component analysis: with weights a_sf (1 / S per subject, within a subject by
+the share of the cycle that each phase stands for) the covariance of all shapes is exactly the sum
+of that of the subjects' mean shapes and that of the shapes about their subject's mean; the latter
+is exactly the sum of the motion common to all and of each subject's departure from it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.special import stdtrit
+
+from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.errors import InputError
+from ostiform.model.pca import (
+    model_in_span,
+    principal_modes,
+    project,
+    reconstruct,
+    weighted_size,
+)
+from ostiform.model.phases import phase_weights
+from ostiform.model.trajectories import (
+    Trajectories,
+    TrajectorySettings,
+    fit_trajectories,
+    fourier_design,
+    interpolation_errors,
+)
+from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
+from ostiform.study import ShapeId
+
+__all__ = [
+    "DynamicModel",
+    "PhasePrediction",
+    "VarianceShare",
+    "between_share",
+    "dynamic_model_of",
+    "fit_dynamic_model",
+    "mean_cycle",
+    "phase_prediction",
+    "resampled_cycle",
+    "subject_means",
+    "within_shapes",
+]
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DynamicModel:
+    """The variation of beating shapes, by its sources.
+
+    All models share mean, mesh and point weights; variances are weighted by a_sf, without the
+    correction N / (N - 1) of a sample.
+
+    Attributes
+    ----------
+    ids : tuple of ShapeId
+        The N shapes.
+    phase_weights : (N,) float64
+        a_sf, sum 1.
+    total : ShapeModel
+        Of all shapes; between + within.
+    between : ShapeModel
+        Of the S subjects' mean shapes.
+    within : ShapeModel
+        Of the shapes about their subject's mean; common + departure.
+    common : ShapeModel
+        Of the motion that all subjects share.
+    departure : ShapeModel
+        Of each subject's motion about the common one.
+    between_corrected : ShapeModel
+        ``between - within / n_eff``: what the subjects' means vary beyond what averaging few
+        phases leaves, negative eigenvalues set to zero.
+    clipped_variance : float, mm^2 per point
+        Sum of those negative eigenvalues, as a positive number.
+    effective_phases : float
+        n_eff, the number of equally weighted phases that average as well as a subject's phases.
+    scores : (N, K) float64, mm
+        Of every shape in the modes of `total`; exact, nothing is left out.
+    trajectories : Trajectories
+        Each subject's closed curve in the space of these scores.
+    """
+
+    ids: tuple[ShapeId, ...]
+    phase_weights: FloatArray
+    total: ShapeModel
+    between: ShapeModel
+    within: ShapeModel
+    common: ShapeModel
+    departure: ShapeModel
+    between_corrected: ShapeModel
+    clipped_variance: float
+    effective_phases: float
+    scores: FloatArray
+    trajectories: Trajectories
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        count = len(self.ids)
+        object.__setattr__(
+            self, "phase_weights", frozen_floats(self.phase_weights, (count,), "phase weights")
+        )
+        object.__setattr__(
+            self,
+            "scores",
+            frozen_floats(self.scores, (count, len(self.total.modes)), "scores of the phases"),
+        )
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """The S subjects, in study order."""
+        return self.trajectories.subjects
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceShare:
+    """A share of the total variance, with its interval over subjects.
+
+    Attributes
+    ----------
+    value : float
+    low, high : float or None
+        Ends of the 95 % interval (jackknife over subjects, t); None below three subjects.
+    """
+
+    value: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class PhasePrediction:
+    """How well left-out phases are predicted from the other phases, mm.
+
+    Attributes
+    ----------
+    trajectory : float
+        Mean over phases of the weighted RMS error of the trajectories fitted without the phase.
+    interpolation : float
+        The same for the straight line between the neighbouring phases.
+    phases : int
+        Number of phases that could be left out.
+    """
+
+    trajectory: float
+    interpolation: float
+    phases: int
+
+
+def fit_dynamic_model(
+    aligned: FloatArray,
+    ids: Sequence[ShapeId],
+    weights: FloatArray,
+    mesh: ModelMesh,
+    settings: TrajectorySettings | None = None,
+) -> DynamicModel:
+    """Split the variation of shapes into subjects and motion, and fit every subject's cycle.
+
+    Parameters
+    ----------
+    aligned : (N, P, 3) float64, mm
+        Aligned with one transform per subject: per shape, motion would be aligned away.
+    ids : (N,) sequence of ShapeId
+    weights : (P,) float64
+        Area shares, sum 1.
+    mesh : ModelMesh
+    settings : TrajectorySettings, optional
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes, or the arrays do not fit each other.
+    """
+    shapes = frozen_floats(aligned, (len(ids), len(mesh.part), 3), "aligned shapes")
+    if len(ids) < 2:
+        raise InputError(f"a dynamic model: expected at least 2 shapes, found {len(ids)}")
+    share = phase_weights(ids)  # (N,) a_sf
+    mean = np.tensordot(share, shapes, axes=1)
+    size = weighted_size(mean, weights)
+    deviations = np.sqrt(share)[:, None, None] * (shapes - mean)
+    modes, variances = principal_modes(deviations, weights, size)
+    total = ShapeModel(mean, modes, variances, weights, mesh, 0.0, len(ids))
+    scores = project(total, shapes)  # (N, K)
+    subject = _subject_indices(ids)
+    centres = _group_means(scores, share, subject)  # (S, K)
+    motion = scores - centres[subject]
+    times = np.array([id.time for id in ids])
+    trajectories = fit_trajectories(scores, [id.subject for id in ids], times, settings)
+    common = _common_motion(motion, share, times, int(np.median(np.bincount(subject))) // 2)
+    root = np.sqrt(share)[:, None]
+    subject_root = np.sqrt(1.0 / len(centres))
+    effective = 1.0 / (len(centres) * float((share**2).sum()))
+    corrected, clipped = _difference(
+        total, subject_root * centres, root * motion / np.sqrt(effective)
+    )
+    return DynamicModel(
+        ids=tuple(ids),
+        phase_weights=share,
+        total=total,
+        between=model_in_span(total, subject_root * centres, len(centres)),
+        within=model_in_span(total, root * motion, len(ids)),
+        common=model_in_span(total, root * common, len(ids)),
+        departure=model_in_span(total, root * (motion - common), len(ids)),
+        between_corrected=corrected,
+        clipped_variance=clipped,
+        effective_phases=effective,
+        scores=scores,
+        trajectories=trajectories,
+    )
+
+
+def dynamic_model_of(
+    stored: StoredModel, settings: TrajectorySettings | None = None
+) -> DynamicModel:
+    """Split the variation of the training shapes that a model file holds.
+
+    The scores of an untruncated model are the shapes, so the file needs to hold nothing more.
+
+    Raises
+    ------
+    InputError
+        If the training shapes are not known, or the model was truncated.
+    """
+    if not stored.ids or stored.model.residual_variance > 0.0:
+        raise InputError(
+            "a dynamic model: expected a model with all its modes and the scores of its training "
+            f"shapes, found {len(stored.ids)} shapes and a residual variance of "
+            f"{stored.model.residual_variance:g} mm^2"
+        )
+    model = stored.model
+    return fit_dynamic_model(
+        reconstruct(model, stored.scores), stored.ids, model.weights, model.mesh, settings
+    )
+
+
+def subject_means(model: DynamicModel) -> FloatArray:
+    """Return the mean shape over the cycle (S, P, 3) in mm of every subject."""
+    subject = _subject_indices(model.ids)
+    return reconstruct(model.total, _group_means(model.scores, model.phase_weights, subject))
+
+
+def within_shapes(model: DynamicModel) -> FloatArray:
+    """Return the shapes (N, P, 3) in mm with their subject's mean replaced by the population's."""
+    subject = _subject_indices(model.ids)
+    centres = _group_means(model.scores, model.phase_weights, subject)
+    return reconstruct(model.total, model.scores - centres[subject])
+
+
+def between_share(model: DynamicModel) -> VarianceShare:
+    """Return the share of the variance that lies between subjects; the rest is motion.
+
+    The interval is that of the jackknife: the share is computed again without each subject.
+    """
+    subject = _subject_indices(model.ids)
+    value = _between_share(model.scores, model.phase_weights, subject)
+    count = len(model.subjects)
+    if count < 3:
+        return VarianceShare(value, None, None)
+    left_out = np.array(
+        [
+            _between_share(
+                model.scores[subject != s], model.phase_weights[subject != s], subject[subject != s]
+            )
+            for s in range(count)
+        ]
+    )
+    error = np.sqrt((count - 1.0) / count * ((left_out - left_out.mean()) ** 2).sum())
+    half = float(stdtrit(count - 1, 0.5 * (1.0 + CONFIDENCE)) * error)
+    return VarianceShare(value, max(0.0, value - half), min(1.0, value + half))
+
+
+def resampled_cycle(model: DynamicModel, subject: str, times: FloatArray) -> FloatArray:
+    """Return the shapes (T, P, 3) in mm of one subject at any times (T,), fractions of the cycle.
+
+    Raises
+    ------
+    InputError
+        If the model has no such subject.
+    """
+    if subject not in model.subjects:
+        raise InputError(
+            f"subject of a dynamic model: expected one of {', '.join(model.subjects)}, "
+            f"found {subject}"
+        )
+    curve = model.trajectories.coefficients[model.subjects.index(subject)]  # (2H + 1, K)
+    return reconstruct(model.total, fourier_design(times, model.trajectories.harmonics) @ curve)
+
+
+def mean_cycle(model: DynamicModel, times: FloatArray) -> FloatArray:
+    """Return the mean over the subjects' cycles (T, P, 3) in mm at any times (T,)."""
+    curve = model.trajectories.coefficients.mean(axis=0)  # (2H + 1, K)
+    return reconstruct(model.total, fourier_design(times, model.trajectories.harmonics) @ curve)
+
+
+def phase_prediction(model: DynamicModel) -> PhasePrediction:
+    """Return the leave-one-phase-out error of the trajectories and of linear interpolation."""
+    times = np.array([id.time for id in model.ids])
+    lines = interpolation_errors(model.scores, [id.subject for id in model.ids], times)
+    curves = model.trajectories.left_out_errors
+    known = np.isfinite(lines) & np.isfinite(curves)
+    if not known.any():
+        raise InputError(
+            "prediction of left-out phases: expected a subject with at least 2 phases, found none"
+        )
+    return PhasePrediction(
+        float(curves[known].mean()), float(lines[known].mean()), int(known.sum())
+    )
+
+
+def _subject_indices(ids: Sequence[ShapeId]) -> np.ndarray:
+    order = {name: index for index, name in enumerate(dict.fromkeys(id.subject for id in ids))}
+    return np.array([order[id.subject] for id in ids])
+
+
+def _group_means(values: FloatArray, share: FloatArray, groups: np.ndarray) -> FloatArray:
+    _, index = np.unique(groups, return_inverse=True)
+    weight = np.bincount(index, weights=share)
+    sums = np.zeros((len(weight), values.shape[1]))
+    np.add.at(sums, index, share[:, None] * values)
+    means: FloatArray = sums / weight[:, None]
+    return means
+
+
+def _between_share(scores: FloatArray, share: FloatArray, groups: np.ndarray) -> float:
+    _, index = np.unique(groups, return_inverse=True)
+    weights = share / share.sum()
+    centres = _group_means(scores, weights, groups)
+    total = weights @ ((scores - weights @ scores) ** 2).sum(axis=1)
+    within = weights @ ((scores - centres[index]) ** 2).sum(axis=1)
+    return float(1.0 - within / total) if total > 0.0 else 0.0
+
+
+def _common_motion(
+    motion: FloatArray, share: FloatArray, times: FloatArray, harmonics: int
+) -> FloatArray:
+    """Return the weighted least-squares Fourier series of all subjects' motion, at their phases.
+
+    Fitted values and residuals of least squares are orthogonal under its weights, which is what
+    makes the two covariances add up exactly. With half as many harmonics as a subject has phases
+    and equal times in all subjects, the series is the mean over the subjects, phase by phase.
+    """
+    root = np.sqrt(share)[:, None]
+    design = fourier_design(times, harmonics)
+    coefficients = np.linalg.lstsq(root * design, root * motion, rcond=None)[0]
+    common: FloatArray = design @ coefficients
+    return common
+
+
+def _difference(total: ShapeModel, plus: FloatArray, minus: FloatArray) -> tuple[ShapeModel, float]:
+    """Return the model of ``plus^T plus - minus^T minus`` without its negative part, and that."""
+    values, vectors = eigh(plus.T @ plus - minus.T @ minus)  # (K,), (K, K)
+    kept = values > 0.0
+    rows = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return model_in_span(total, rows, len(plus)), float(-values[~kept].sum())

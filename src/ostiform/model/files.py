@@ -1,0 +1,134 @@
+"""Correspondences as HDF5, and models and corresponded shapes as VTP (design 7).
+
+The layout of ``correspondence.h5`` is a promise to other programs.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ostiform.correspondence import Correspondence
+from ostiform.errors import InputError
+from ostiform.model.hdf5 import (
+    check_schema,
+    put_facts,
+    put_ids,
+    put_template,
+    reading,
+    take_ids,
+    take_template,
+    writing,
+)
+from ostiform.model.pca import reconstruct
+from ostiform.model.types import ShapeModel
+from ostiform.surface.files import write_surface
+
+__all__ = [
+    "read_correspondence",
+    "write_corresponded_shape",
+    "write_correspondence",
+    "write_mean",
+    "write_mode",
+]
+
+
+def write_correspondence(path: Path, correspondence: Correspondence) -> None:
+    """Write a correspondence in the layout of design section 7.
+
+    Datasets: `points`, `aligned`, `transforms`, `faces`, `face_part`, `part`, `weights`,
+    `subject`, `phase`, `time`, ``loops/<part>/<ostium>``, ``levels/<n>/{index, faces,
+    face_part}``; further `directions` (N, P, 3), `template_points` (P, 3), `sphere` (P,) and
+    `curve` (P,) (index into the attribute `curves`, -1 in the interior), which hold the template
+    and where its points went on each shape's sphere. Attributes: `schema`, `units`, `frame`,
+    `package_version`, `parts`, `curves`. Indices start at 0.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be written.
+    InputError
+        If an opening's name cannot be the name of a dataset.
+    """
+    with writing(path) as file:
+        put_facts(file, correspondence.template.parts)
+        for name in ("points", "aligned", "transforms", "directions", "weights"):
+            file.create_dataset(name, data=getattr(correspondence, name))
+        put_template(file, correspondence.template)
+        put_ids(file, correspondence.ids)
+
+
+def read_correspondence(path: Path) -> Correspondence:
+    """Read what `write_correspondence` wrote.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of another kind or schema.
+    """
+    with reading(path, "a correspondence of ostiform") as file:
+        check_schema(file)
+        return Correspondence(
+            template=take_template(file),
+            ids=take_ids(file),
+            directions=file["directions"][:],
+            points=file["points"][:],
+            aligned=file["aligned"][:],
+            transforms=file["transforms"][:],
+            weights=file["weights"][:],
+        )
+
+
+def write_mean(path: Path, model: ShapeModel) -> None:
+    """Write the mean shape as VTP: parts as cell data, area shares as point data."""
+    write_surface(
+        path,
+        model.mean,
+        model.mesh.faces,
+        point_data={"area_share": model.weights},
+        cell_data={"part": model.mesh.face_part},
+    )
+
+
+def write_mode(path: Path, model: ShapeModel, mode: int, deviation: float) -> None:
+    """Write the mean displaced along one mode as VTP, the displacement as point data.
+
+    Parameters
+    ----------
+    path : Path
+    model : ShapeModel
+    mode : int
+        Index from 0.
+    deviation : float
+        In standard deviations (HY Fig. 3 shows -2 and +2).
+
+    Raises
+    ------
+    InputError
+        If the model has no such mode.
+    """
+    if not 0 <= mode < len(model.modes):
+        raise InputError(
+            f"mode of a model: expected an index from 0 to {len(model.modes) - 1}, found {mode}"
+        )
+    scores = np.zeros(mode + 1)
+    scores[mode] = deviation * np.sqrt(model.variances[mode])
+    shape = reconstruct(model, scores)
+    write_surface(
+        path,
+        shape,
+        model.mesh.faces,
+        point_data={"displacement_mm": shape - model.mean},
+        cell_data={"part": model.mesh.face_part},
+    )
+
+
+def write_corresponded_shape(path: Path, correspondence: Correspondence, index: int) -> None:
+    """Write one shape resampled in correspondence as VTP, in its input coordinates."""
+    template = correspondence.template
+    write_surface(
+        path,
+        correspondence.points[index],
+        template.faces,
+        point_data={"area_share": correspondence.weights},
+        cell_data={"part": template.face_part},
+    )

@@ -1,0 +1,244 @@
+"""Model files in the statismo / scalismo HDF5 layout 0.9, with a group of Ostiform's own.
+
+The layout of those tools holds Euclidean-orthonormal columns and variances summed over all
+coordinates. The part that they read therefore holds the thin singular value decomposition of
+``Phi Lambda^(1/2)``: the same covariance, with its own order, columns and scores. The
+area-weighted modes and scores, in double precision, are in the group ``ostiform``; the two sets
+of modes differ and must not be mixed.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.linalg import svd
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.domain import Template
+from ostiform.errors import InputError
+from ostiform.model.hdf5 import (
+    check_schema,
+    put_facts,
+    put_ids,
+    put_loops,
+    put_template,
+    reading,
+    take_ids,
+    take_loops,
+    take_template,
+    take_texts,
+    writing,
+)
+from ostiform.model.pca import principal_modes, weighted_size
+from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
+
+__all__ = ["read_model", "read_statismo", "write_model"]
+
+OWN_GROUP = "ostiform"
+REPRESENTER = "vtkStandardMeshRepresenter"
+
+
+def write_model(path: Path, stored: StoredModel, build_time: str = "not recorded") -> None:
+    """Write a model that statismo, scalismo and Ostiform read.
+
+    Parameters
+    ----------
+    path : Path
+        Should end in ``.h5``: those tools go by the suffix.
+    stored : StoredModel
+    build_time : str
+        Text for the tools' build time; given by the caller, so that equal input makes equal files.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be written.
+    """
+    with writing(path) as file:
+        version = file.create_group("version")
+        version.create_dataset("majorVersion", data=np.int32(0))
+        version.create_dataset("minorVersion", data=np.int32(9))
+        _put_representer(file, stored.model)
+        rotation, deviations = _put_euclidean_model(file, stored.model)
+        _put_model_info(file, stored, rotation, deviations, build_time)
+        _put_own(file.create_group(OWN_GROUP), stored)
+
+
+def read_model(path: Path) -> StoredModel:
+    """Read a model file: Ostiform's own group where there is one, else the published layout.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or no such model.
+    """
+    with reading(path, "a shape model") as file:
+        if OWN_GROUP in file:
+            return _take_own(file[OWN_GROUP])
+        model = _take_foreign(file)
+        return StoredModel(model, np.empty((0, len(model.modes))), (), None)
+
+
+def read_statismo(path: Path) -> ShapeModel:
+    """Read the part of a model file that statismo and scalismo define, versions 0.8 and 0.9.
+
+    The area weights of such a model are not known: all points weigh 1 / P, so variances are the
+    file's divided by P. A file without a version is of version 0.8, whose columns hold the
+    standard deviations.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged, no triangulated model, or of another version.
+    """
+    with reading(path, "a statismo model") as file:
+        return _take_foreign(file)
+
+
+def _put_representer(file: h5py.File, model: ShapeModel) -> None:
+    group = file.create_group("representer")
+    for name, text in (
+        ("name", REPRESENTER),
+        ("version", "0.1"),
+        ("datasetType", "POLYGON_MESH"),
+        ("version/majorVersion", "0"),
+        ("version/minorVersion", "9"),
+    ):
+        group.attrs[name] = np.bytes_(text)
+    group.create_dataset("points", data=model.mean.T.astype(np.float32))
+    group.create_dataset("cells", data=model.mesh.faces.T.astype(np.int32))
+    group.create_group("pointData")
+    group.create_group("cellData")
+
+
+def _put_euclidean_model(file: h5py.File, model: ShapeModel) -> tuple[FloatArray, FloatArray]:
+    """Write the Euclidean modes; return the rotation (K', K) of standard scores and their sd."""
+    spread = np.sqrt(model.variances)[:, None, None]
+    factor = (model.modes * spread).reshape(-1, model.mean.size)  # (K, 3P)
+    basis, deviations, rotation = svd(factor.T, full_matrices=False)  # (3P, K), (K,), (K, K)
+    group = file.create_group("model")
+    group.create_dataset("mean", data=model.mean.ravel().astype(np.float32))
+    group.create_dataset("pcaBasis", data=basis.astype(np.float32))
+    group.create_dataset("pcaVariance", data=(deviations**2).astype(np.float32))
+    group.create_dataset("noiseVariance", data=np.float32(model.residual_variance / 3.0))
+    return rotation, deviations
+
+
+def _put_model_info(
+    file: h5py.File,
+    stored: StoredModel,
+    rotation: FloatArray,
+    deviations: FloatArray,
+    build_time: str,
+) -> None:
+    spread = np.sqrt(stored.model.variances)
+    known = spread > 0.0
+    standard = np.where(known, stored.scores / np.where(known, spread, 1.0), 0.0)  # (N, K)
+    scores = (standard @ rotation.T).T if len(stored.ids) else np.zeros((1, 1))  # (K, N)
+    info = file.create_group("modelinfo")
+    info.create_dataset("scores", data=scores.astype(np.float32))
+    info.create_dataset("build-time", data=np.bytes_(build_time))
+    builder = info.create_group("modelBuilder-0")
+    builder.create_dataset("builderName", data=np.bytes_("ostiform"))
+    builder.create_dataset("buildTime", data=np.bytes_(build_time))
+    data_info = builder.create_group("dataInfo")
+    for number, id in enumerate(stored.ids):
+        data_info.create_dataset(f"URI_{number}", data=np.bytes_(str(id).encode("utf-8")))
+    parameters = builder.create_group("parameters")
+    parameters.create_dataset("modes", data=np.bytes_(str(len(deviations))))
+
+
+def _put_own(group: h5py.Group, stored: StoredModel) -> None:
+    model = stored.model
+    put_facts(group, model.mesh.parts)
+    for name in ("mean", "modes", "variances", "weights"):
+        group.create_dataset(name, data=getattr(model, name))
+    group.create_dataset("residual_variance", data=model.residual_variance)
+    group.create_dataset("sample_count", data=model.sample_count)
+    group.create_dataset("scores", data=stored.scores)
+    put_ids(group, stored.ids)
+    if stored.template is None:
+        for name in ("faces", "face_part", "part"):
+            group.create_dataset(name, data=getattr(model.mesh, name))
+        put_loops(group, model.mesh.loops)
+    else:
+        put_template(group, stored.template)
+
+
+def _take_own(group: h5py.Group) -> StoredModel:
+    check_schema(group)
+    model = ShapeModel(
+        mean=group["mean"][:],
+        modes=group["modes"][:],
+        variances=group["variances"][:],
+        weights=group["weights"][:],
+        mesh=ModelMesh(
+            faces=group["faces"][:],
+            face_part=group["face_part"][:],
+            part=group["part"][:],
+            parts=take_texts(group.attrs["parts"]),
+            loops=take_loops(group),
+        ),
+        residual_variance=float(group["residual_variance"][()]),
+        sample_count=int(group["sample_count"][()]),
+    )
+    template: Template | None = take_template(group) if "template_points" in group else None
+    return StoredModel(model, group["scores"][:], take_ids(group), template)
+
+
+def _take_foreign(file: h5py.File) -> ShapeModel:
+    scaled_columns = _columns_hold_deviations(file)
+    mean = np.asarray(file["model/mean"], dtype=np.float64).reshape(-1, 3)
+    variances = np.asarray(file["model/pcaVariance"], dtype=np.float64).ravel()
+    basis = np.asarray(file["model/pcaBasis"], dtype=np.float64)  # (3P, K)
+    if basis.shape != (mean.size, len(variances)):
+        raise InputError(
+            f"its basis has shape {basis.shape} where the mean and the variances ask for "
+            f"{(mean.size, len(variances))}"
+        )
+    columns = basis if scaled_columns else basis * np.sqrt(variances)
+    weights = np.full(len(mean), 1.0 / len(mean))
+    modes, spread = principal_modes(
+        np.ascontiguousarray(columns.T).reshape(-1, *mean.shape),
+        weights,
+        weighted_size(mean, weights),
+    )
+    faces = _faces(file)
+    noise = float(np.asarray(file["model/noiseVariance"]).ravel()[0])
+    samples = np.asarray(file["modelinfo/scores"]).shape if "modelinfo/scores" in file else (1, 1)
+    return ShapeModel(
+        mean=mean,
+        modes=modes,
+        variances=spread,
+        weights=weights,
+        mesh=ModelMesh(
+            faces=faces,
+            face_part=np.zeros(len(faces), dtype=np.int64),
+            part=np.zeros(len(mean), dtype=np.int64),
+            parts=("surface",),
+            loops={},
+        ),
+        residual_variance=3.0 * noise,
+        sample_count=0 if samples == (1, 1) else int(samples[1]),
+    )
+
+
+def _columns_hold_deviations(file: h5py.File) -> bool:
+    if "version" not in file:
+        return True
+    found = tuple(
+        int(np.asarray(file[f"version/{name}"]).ravel()[0])
+        for name in ("majorVersion", "minorVersion")
+    )
+    if found not in {(0, 8), (0, 9)}:
+        raise InputError(f"its version is {found[0]}.{found[1]} where 0.8 and 0.9 can be read")
+    return found == (0, 8)
+
+
+def _faces(file: h5py.File) -> IntArray:
+    cells: Any = np.asarray(file["representer/cells"])
+    if cells.ndim != 2 or cells.shape[0] != 3:
+        raise InputError(f"its cells have shape {cells.shape} where triangles are (3, n)")
+    faces: IntArray = np.ascontiguousarray(cells.T, dtype=np.int64)
+    return faces
