@@ -1,0 +1,5 @@
+"""``python -m ostiform``."""
+
+from ostiform.cli import main
+
+main()

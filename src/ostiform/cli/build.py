@@ -1,0 +1,53 @@
+"""``ostiform build`` and one command per stage."""
+
+from pathlib import Path
+
+from ostiform.cli.options import DEFAULTS, Common, Output, StudyPath
+from ostiform.cli.running import run_command, show_summary, worker_count
+from ostiform.pipeline.build import Stage, build_study
+
+__all__ = ["build", "correspond", "embed", "evaluate", "model", "report"]
+
+
+def build(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+    """Build the shape model of a study, with its evidence and report.
+
+    All stages are run: embed, correspond, model, evaluate, report. Whatever is already in the
+    output folder and still true is kept, so a run that was interrupted goes on where it was.
+    """
+    return _until(Stage.REPORT, study, output, common)
+
+
+def embed(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+    """Read the shapes and map each to the base domain, with a certificate against folds."""
+    return _until(Stage.EMBED, study, output, common)
+
+
+def correspond(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+    """Bring the shapes into correspondence (and run the stages before, where needed)."""
+    return _until(Stage.CORRESPOND, study, output, common)
+
+
+def model(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+    """Fit the shape models and write their meshes (and run the stages before, where needed)."""
+    return _until(Stage.MODEL, study, output, common)
+
+
+def evaluate(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+    """Measure how good the models are (and run the stages before, where needed)."""
+    return _until(Stage.EVALUATE, study, output, common)
+
+
+def report(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+    """Write the report (and run the stages before, where needed)."""
+    return _until(Stage.REPORT, study, output, common)
+
+
+def _until(stage: Stage, study: Path, output: Path, common: Common) -> int:
+    return run_command(
+        common,
+        lambda tell: show_summary(
+            common,
+            build_study(study, output, until=stage, workers=worker_count(common), tell=tell),
+        ),
+    )

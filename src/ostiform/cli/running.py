@@ -1,0 +1,74 @@
+"""What every command does around its work: watching, summary, errors, exit codes."""
+
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable
+
+from ostiform.cli.options import Common
+from ostiform.cli.watch import watching
+from ostiform.errors import (
+    ArtifactError,
+    ConvergenceError,
+    EmbeddingError,
+    InputError,
+    OstiformError,
+    TopologyError,
+)
+from ostiform.pipeline.build import Summary
+from ostiform.pipeline.events import Tell
+
+__all__ = ["EXIT_CODES", "INTERRUPTED", "worker_count", "run_command", "show_summary"]
+
+EXIT_CODES: dict[type[OstiformError], int] = {
+    InputError: 2,
+    TopologyError: 3,
+    EmbeddingError: 4,
+    ConvergenceError: 5,
+    ArtifactError: 6,
+}
+OTHER_FAILURE = 1
+INTERRUPTED = 130
+
+
+def run_command(common: Common, work: Callable[[Tell], int]) -> int:
+    """Do a command's work and return its exit code; errors become one sentence each."""
+    try:
+        with watching(common.quiet, common.verbose) as tell:
+            return work(tell)
+    except OstiformError as error:
+        if common.debug:
+            traceback.print_exc()
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_CODES.get(type(error), OTHER_FAILURE)
+    except KeyboardInterrupt:
+        print(
+            "interrupted: what was finished is kept; run the same command again to go on",
+            file=sys.stderr,
+        )
+        return INTERRUPTED
+
+
+def worker_count(common: Common) -> int:
+    """Return the number of processes to use."""
+    if common.workers is not None:
+        if common.workers < 1:
+            raise InputError(f"--workers: expected at least 1, found {common.workers}")
+        return common.workers
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def show_summary(common: Common, summary: Summary) -> int:
+    """Say how a run ended; shapes left out are named again at the end."""
+    if common.json:
+        print(json.dumps(summary.as_json(), indent=1, ensure_ascii=False))
+    elif not common.quiet:
+        used = summary.shapes - len(summary.failures)
+        seconds = sum(summary.seconds.values())
+        print(
+            f"{used} of {summary.shapes} shapes used, {seconds:.0f} s, results in {summary.output}"
+        )
+        for failure in summary.failures:
+            print(f"  left out: {failure.id} ({failure.stage}): {failure.reason}")
+    return 0

@@ -1,0 +1,106 @@
+"""How a run is shown: progress bars on a terminal, one clean line per stage in a pipe or a log."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from ostiform.pipeline import events
+
+__all__ = ["watching"]
+
+
+@dataclass
+class _Bars:
+    """Progress bars on a terminal."""
+
+    progress: Progress
+    verbose: bool
+    tasks: dict[str, TaskID] = field(default_factory=dict)
+
+    def tell(self, event: events.Event) -> None:
+        """Show one event."""
+        console = self.progress.console
+        if isinstance(event, events.Note):
+            console.print(event.text, markup=False, highlight=False)
+        elif isinstance(event, events.Warn):
+            console.print(f"warning: {event.text}", style="yellow", markup=False, highlight=False)
+        else:
+            if event.stage not in self.tasks:
+                self.tasks[event.stage] = self.progress.add_task(event.stage, total=event.total)
+            self.progress.update(
+                self.tasks[event.stage],
+                completed=event.done,
+                total=event.total,
+                detail=event.detail[:60],
+            )
+            if self.verbose and event.detail:
+                console.print(f"{event.stage}: {event.detail}", markup=False, highlight=False)
+
+
+@dataclass
+class _Lines:
+    """One line per finished stage, for pipes and logs."""
+
+    console: Console
+    verbose: bool
+    started: dict[str, float] = field(default_factory=dict)
+
+    def tell(self, event: events.Event) -> None:
+        """Print one event where it deserves a line."""
+        if isinstance(event, events.Note):
+            self._line(event.text)
+        elif isinstance(event, events.Warn):
+            self._line(f"warning: {event.text}")
+        else:
+            start = self.started.setdefault(event.stage, time.monotonic())
+            if self.verbose and event.detail:
+                self._line(f"{event.stage} {event.done}/{event.total}: {event.detail}")
+            if event.done == event.total:
+                seconds = time.monotonic() - start
+                self._line(f"{event.stage}: {event.done}/{event.total} in {seconds:.1f} s")
+
+    def _line(self, text: str) -> None:
+        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def watching(quiet: bool, verbose: bool) -> Iterator[events.Tell]:
+    """Give the function that shows a run's events on standard error.
+
+    Parameters
+    ----------
+    quiet : bool
+        Show nothing but warnings.
+    verbose : bool
+        Show the detail of every step.
+    """
+    console = Console(stderr=True)
+    if quiet:
+        lines = _Lines(console, verbose=False)
+        yield lambda event: lines.tell(event) if isinstance(event, events.Warn) else None
+    elif sys.stderr.isatty():
+        with Progress(
+            TextColumn("{task.description:<24}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[detail]}", style="dim"),
+            console=console,
+        ) as progress:
+            yield _Bars(progress, verbose).tell
+    else:
+        yield _Lines(console, verbose).tell

@@ -1,0 +1,150 @@
+"""All stages in order, each skipped where its inputs have not changed (design 1)."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+from ostiform.errors import InputError
+from ostiform.pipeline.correspond import Corresponded, correspond_shapes
+from ostiform.pipeline.embed import Embedded, embed_shapes
+from ostiform.pipeline.evaluate import evaluate_models
+from ostiform.pipeline.events import Event, Note, Tell
+from ostiform.pipeline.model import model_shapes
+from ostiform.pipeline.prepare import Prepared, prepare_shapes
+from ostiform.pipeline.report import report_run
+from ostiform.pipeline.run import Failure, Run
+from ostiform.pipeline.store import Store, key_of
+from ostiform.study import read_study
+
+__all__ = ["Stage", "Summary", "build_study"]
+
+
+class Stage(IntEnum):
+    """The stages, in order; running one runs those before it that are not current."""
+
+    EMBED = 1
+    CORRESPOND = 2
+    MODEL = 3
+    EVALUATE = 4
+    REPORT = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a run did.
+
+    Attributes
+    ----------
+    output : Path
+    shapes : int
+        Shapes in the study.
+    failures : tuple of Failure
+        Shapes left out, with the reason.
+    seconds : mapping of str to float
+        Wall time of each stage that was run.
+    """
+
+    output: Path
+    shapes: int
+    failures: tuple[Failure, ...]
+    seconds: dict[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {
+            "output": str(self.output),
+            "shapes": self.shapes,
+            "used": self.shapes - len(self.failures),
+            "failed": _failure_facts(self.failures),
+            "seconds": {stage: round(value, 2) for stage, value in self.seconds.items()},
+        }
+
+
+def build_study(
+    study_path: Path,
+    output: Path,
+    *,
+    until: Stage = Stage.REPORT,
+    workers: int = 1,
+    tell: Tell | None = None,
+) -> Summary:
+    """Build the model of a study, or the part of it up to a stage.
+
+    What is already in the output folder and still true is used; the rest is made again.
+
+    Parameters
+    ----------
+    study_path : Path
+        The ``study.toml``.
+    output : Path
+        Folder for the artifacts; made if missing.
+    until : Stage
+        The last stage to run.
+    workers : int
+        Processes.
+    tell : callable, optional
+        Takes the events of the run.
+
+    Raises
+    ------
+    OstiformError
+        If the study is wrong, too few shapes can be used, or an artifact cannot be written.
+    """
+    watch: Tell = tell or _silent
+    study = read_study(study_path)
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: expected a folder for the results, found a file")
+    run = Run(study, Store(output), workers, watch)
+    clock = _Clock({})
+    failures: list[Failure] = []
+    try:
+        prepared: Prepared = clock.timed("prepare", lambda: prepare_shapes(run))
+        failures += prepared.failures
+        embedded: Embedded = clock.timed("embed", lambda: embed_shapes(run, prepared))
+        failures += embedded.failures
+    finally:
+        _write_failures(run, failures)
+    if until >= Stage.CORRESPOND:
+        corresponded: Corresponded = clock.timed(
+            "correspond", lambda: correspond_shapes(run, prepared, embedded)
+        )
+    if until >= Stage.MODEL:
+        clock.timed("model", lambda: model_shapes(run, corresponded))
+    if until >= Stage.EVALUATE:
+        clock.timed("evaluate", lambda: evaluate_models(run, prepared, embedded, corresponded))
+    if until >= Stage.REPORT:
+        clock.timed(
+            "report",
+            lambda: report_run(run, prepared, embedded, corresponded, failures, clock.seconds),
+        )
+        watch(Note(f"report: {output / 'report.html'}"))
+    return Summary(output, len(study.entries), tuple(failures), clock.seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    seconds: dict[str, float]
+
+    def timed(self, stage: str, work: Callable[[], Any]) -> Any:
+        start = time.monotonic()
+        result = work()
+        self.seconds[stage] = time.monotonic() - start
+        return result
+
+
+def _silent(_: Event) -> None:
+    pass
+
+
+def _write_failures(run: Run, failures: Sequence[Failure]) -> None:
+    run.store.write_json("failed.json", key_of("failures"), _failure_facts(failures))
+
+
+def _failure_facts(failures: Sequence[Failure]) -> list[dict[str, str]]:
+    return [
+        {"subject": f.id.subject, "phase": f.id.phase, "stage": f.stage, "reason": f.reason}
+        for f in failures
+    ]

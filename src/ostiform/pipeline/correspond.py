@@ -1,0 +1,144 @@
+"""Stage 3: the template of the population and its three correspondences (HY 2.2, 2.3).
+
+Artifacts: ``KIND/correspondence.h5`` for the conformal, minimum-Euclidean and optimal model,
+``correspondence.h5`` (the optimal one's) and ``correspondence.json`` (how the run went).
+"""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ostiform.arrays import FloatArray
+from ostiform.correspondence import (
+    KINDS,
+    CorrespondenceSettings,
+    ShapeSampler,
+    SweepRecord,
+    TrainedCorrespondence,
+    build_yardstick,
+    correspond,
+    sampler,
+)
+from ostiform.domain import BaseDomain
+from ostiform.model import write_correspondence
+from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.pipeline.embed import Embedded, embedding_artifact
+from ostiform.pipeline.events import Progress, Warn
+from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.run import Ready, Run
+from ostiform.pipeline.store import Store, key_of
+from ostiform.study import Study
+
+__all__ = ["Corresponded", "correspond_shapes", "correspondence_settings", "read_samplers"]
+
+FACTS = "correspondence.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Corresponded:
+    """The artifacts of the correspondence stage.
+
+    Attributes
+    ----------
+    key : str
+        Hash of everything they were made from.
+    l_cut : float, mm^2
+    noise_mm : float
+    """
+
+    key: str
+    l_cut: float
+    noise_mm: float
+
+
+def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corresponded:
+    """Bring the embedded shapes into correspondence, three times."""
+    settings = correspondence_settings(run.study)
+    key = key_of("correspondence", [shape.key for shape in embedded.ready], asdict(settings))
+    artifacts = [f"{kind}/correspondence.h5" for kind in KINDS]
+    if not all(run.store.is_current(name, key) for name in [*artifacts, FACTS]):
+        samplers = read_samplers(run.store, embedded.ready, prepared.domain)
+        ids = [shape.id for shape in embedded.ready]
+        poses = prepared.poses[list(embedded.index)]
+        total = settings.levels * settings.sweeps
+        run.tell(Progress("correspond", 0, total))
+
+        def tell(record: SweepRecord) -> None:
+            done = (record.level - 1) * settings.sweeps + min(record.sweep, settings.sweeps)
+            detail = f"level {record.level} sweep {record.sweep}: {record.objective:.5g}"
+            run.tell(Progress("correspond", min(done, total - 1), total, detail))
+
+        yardstick = build_yardstick(samplers, ids, prepared.domain, poses, settings)
+        trained = correspond(samplers, ids, yardstick, settings, tell)
+        for kind in KINDS:
+            with run.store.writing(f"{kind}/correspondence.h5", key) as path:
+                write_correspondence(path, trained[kind].correspondence)
+        run.store.write_json(FACTS, key, _facts(trained["optimal"], settings))
+        run.tell(Progress("correspond", total, total))
+    facts = run.store.read_json(FACTS)
+    if facts["warning"]:
+        run.tell(Warn(facts["warning"]))
+    copy_artifact(run.store, "optimal/correspondence.h5", "correspondence.h5", key)
+    return Corresponded(key, facts["l_cut_mm2"], facts["noise_mm"])
+
+
+def correspondence_settings(study: Study) -> CorrespondenceSettings:
+    """Return the settings of the correspondence stage that a study states."""
+    stated = study.settings.correspondence
+    return CorrespondenceSettings(
+        optimiser=stated.optimiser,
+        levels=stated.levels,
+        n_points=study.settings.template.points,
+        noise_mm=stated.noise_mm,
+        alignment=study.settings.alignment.mode,
+        per=study.alignment_per,
+        seed=stated.seed,
+    )
+
+
+def read_samplers(
+    store: Store, shapes: Sequence[Ready], domain: BaseDomain
+) -> tuple[ShapeSampler, ...]:
+    """Return the embedded shapes ready for sampling."""
+    return tuple(
+        sampler(read_embeddings(store.path(embedding_artifact(shape.name))), domain)
+        for shape in shapes
+    )
+
+
+def copy_artifact(store: Store, source: str, target: str, key: str) -> None:
+    """Copy an artifact within the output folder, if the copy is not current."""
+    if not store.is_current(target, key):
+        with store.writing(target, key) as path:
+            shutil.copyfile(store.path(source), path)
+
+
+def _facts(trained: TrainedCorrespondence, settings: CorrespondenceSettings) -> dict[str, Any]:
+    stopped = [
+        f"level {level}: {status.value}"
+        for level, status in enumerate(trained.statuses, start=1)
+        if not trained.has_converged
+    ]
+    return {
+        "settings": asdict(settings),
+        "l_cut_mm2": trained.yardstick.l_cut,
+        "noise_mm": trained.yardstick.noise_mm,
+        "statuses": [status.value for status in trained.statuses],
+        "warning": f"correspondence did not converge ({'; '.join(stopped)})" if stopped else "",
+        "history": [asdict(record) for record in trained.history],
+        "control_points": {
+            "interior": _points(trained.interior),
+            "boundary": _points(trained.boundary),
+        },
+    }
+
+
+def _points(controls: Any) -> dict[str, Any]:
+    if controls is None:
+        return {"directions": [], "sphere": []}
+    directions: FloatArray = controls.directions
+    sphere = np.asarray(controls.sphere)
+    return {"directions": directions.tolist(), "sphere": sphere.tolist()}

@@ -1,0 +1,123 @@
+"""Stage 2: every component of every shape is mapped to its sphere, and the map is certified.
+
+Artifacts: ``embeddings/NAME.npz``, one per shape, whether certified or not.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ostiform.arrays import FloatArray
+from ostiform.domain import BaseDomain
+from ostiform.embedding import Certificate, EmbeddingSettings, embed, population_problems
+from ostiform.errors import EmbeddingError
+from ostiform.pipeline.arrays_file import read_embeddings, read_shape, write_embeddings
+from ostiform.pipeline.events import Warn
+from ostiform.pipeline.prepare import Prepared, prepared_components, shape_artifact
+from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
+from ostiform.pipeline.store import Store, key_of
+
+__all__ = ["Embedded", "embed_shapes", "embedding_artifact"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Embedded:
+    """The shapes with certified maps.
+
+    Attributes
+    ----------
+    ready : tuple of Ready
+        In study order; keys are those of the embeddings.
+    index : tuple of int
+        Place of each among the prepared shapes.
+    failures : tuple of Failure
+        Shapes without a certified map, with the reason.
+    """
+
+    ready: tuple[Ready, ...]
+    index: tuple[int, ...]
+    failures: tuple[Failure, ...]
+
+
+def embed_shapes(run: Run, prepared: Prepared) -> Embedded:
+    """Embed every prepared shape; those whose map is not certified are left out."""
+    method = run.study.settings.embedding.method
+    tasks = [
+        _EmbedTask(run.store, shape, pose, prepared.domain, prepared.domain_key, method)
+        for shape, pose in zip(prepared.ready, prepared.poses, strict=True)
+    ]
+    ids = [shape.id for shape in prepared.ready]
+    found, failures = over_shapes(run, "embed", _embed, tasks, ids)
+    differing = _differing(run, [item for item in found if item is not None])
+    lost = {failure.id for failure in differing}
+    kept = [
+        item.ready if item is not None and item.ready.id not in lost else None for item in found
+    ]
+    return Embedded(
+        survivors(kept),
+        tuple(index for index, shape in enumerate(kept) if shape is not None),
+        (*failures, *differing),
+    )
+
+
+def embedding_artifact(name: str) -> str:
+    """Return the artifact of a shape's embeddings."""
+    return f"embeddings/{name}.npz"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _EmbedTask:
+    store: Store
+    shape: Ready
+    pose: FloatArray
+    domain: BaseDomain
+    domain_key: str
+    method: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mapped:
+    ready: Ready
+    certificates: tuple[Certificate, ...]
+
+
+def _embed(task: _EmbedTask) -> _Mapped:
+    settings = EmbeddingSettings(method=task.method)  # type: ignore[arg-type]
+    key = key_of("embedding", task.shape.key, task.domain_key, task.method)
+    artifact = embedding_artifact(task.shape.name)
+    if task.store.is_current(artifact, key):
+        embeddings = read_embeddings(task.store.path(artifact))
+    else:
+        shape = read_shape(task.store.path(shape_artifact(task.shape.name)))
+        components, _ = prepared_components(shape)
+        spheres = {sphere.name: sphere for sphere in task.domain.spheres}
+        embeddings = tuple(
+            embed(component, spheres[component.name], settings, task.pose)
+            for component in components
+        )
+        with task.store.writing(artifact, key) as path:
+            write_embeddings(path, embeddings)
+    problems = [problem for e in embeddings for problem in e.certificate.problems]
+    if problems:
+        raise EmbeddingError(f"{task.shape.id}: the map is not certified: {'; '.join(problems)}")
+    return _Mapped(
+        Ready(task.shape.id, task.shape.name, key), tuple(e.certificate for e in embeddings)
+    )
+
+
+def _differing(run: Run, mapped: Sequence[_Mapped]) -> list[Failure]:
+    """Return the shapes whose maps are of another kind than the population's (winding, order)."""
+    if not mapped:
+        return []
+    columns = zip(*(item.certificates for item in mapped), strict=True)
+    per_component = [population_problems(list(column)) for column in columns]
+    failures = []
+    for item, problems in zip(mapped, zip(*per_component, strict=True), strict=True):
+        reasons = [reason for component in problems for reason in component]
+        if not reasons:
+            continue
+        reason = f"{item.ready.id}: its map differs from the others': {'; '.join(reasons)}"
+        if run.study.settings.shapes.on_error == "stop":
+            raise EmbeddingError(reason)
+        run.tell(Warn(f"{item.ready.id} left out: {reason}"))
+        failures.append(Failure(item.ready.id, "embed", reason))
+    return failures

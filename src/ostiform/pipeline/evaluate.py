@@ -1,0 +1,223 @@
+"""Stage 5: the evidence (HY 2.4, 3): compactness, generalisation, specificity, coverage, truth.
+
+Artifacts: ``folds/N.json`` (residues of the shapes left out of one fold), ``KIND/evaluation.json``
+and ``comparison.json``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ostiform.arrays import FloatArray
+from ostiform.correspondence import (
+    KINDS,
+    Correspondence,
+    CorrespondenceSettings,
+    build_yardstick,
+    correspond,
+    place,
+    sampler,
+)
+from ostiform.domain import BaseDomain
+from ostiform.evaluation import (
+    MEASURES,
+    Evaluation,
+    Fold,
+    FoldResidues,
+    OriginalMesh,
+    PlacedFold,
+    Residues,
+    TruthDistance,
+    compare,
+    cross_validated,
+    cross_validation_folds,
+    distance_to_truth,
+    evaluate_model,
+    fold_residues,
+    write_comparisons,
+    write_evaluation,
+)
+from ostiform.execution import each
+from ostiform.model import mesh_of_template, read_correspondence, read_model
+from ostiform.pipeline.arrays_file import read_embeddings, read_shape
+from ostiform.pipeline.correspond import Corresponded, correspondence_settings
+from ostiform.pipeline.embed import Embedded, embedding_artifact
+from ostiform.pipeline.events import Note, Progress
+from ostiform.pipeline.prepare import Prepared, shape_artifact
+from ostiform.pipeline.run import Ready, Run
+from ostiform.pipeline.store import Store, file_hash, key_of
+from ostiform.study.truth import material_coordinates, read_truth, true_positions
+
+__all__ = ["evaluate_models", "original_mesh"]
+
+COMPARISON = "comparison.json"
+FEWEST_SHAPES = 4
+"""With fewer, a model without one of them has too little left to be judged."""
+
+
+def evaluate_models(
+    run: Run, prepared: Prepared, embedded: Embedded, corresponded: Corresponded
+) -> None:
+    """Evaluate the three models of a run, leaving subjects out, and compare them."""
+    settings = run.study.settings.evaluation
+    truth_key = (
+        None if settings.truth is None else file_hash(run.study.path.parent / settings.truth)
+    )
+    key = key_of("evaluation", corresponded.key, settings.model_dump(mode="json"), truth_key)
+    artifacts = [*(f"{kind}/evaluation.json" for kind in KINDS), COMPARISON]
+    if all(run.store.is_current(name, key) for name in artifacts):
+        return
+    residues = _left_out(run, prepared, embedded, corresponded)
+    originals = [original_mesh(run.store, shape) for shape in embedded.ready]
+    initial = read_correspondence(run.store.path("conformal/correspondence.h5"))
+    evaluations: list[Evaluation] = []
+    for kind in KINDS:
+        correspondence = read_correspondence(run.store.path(f"{kind}/correspondence.h5"))
+        evaluations.append(
+            evaluate_model(
+                kind,
+                read_model(run.store.path(f"{kind}/model.h5")).model,
+                (correspondence, initial),
+                originals,
+                corresponded.l_cut,
+                run.study.settings.seed,
+                residues.get(kind),
+                _truth_distance(run, correspondence),
+            )
+        )
+        with run.store.writing(f"{kind}/evaluation.json", key) as path:
+            write_evaluation(path, evaluations[-1])
+    optimal = evaluations[-1]
+    comparisons = [compare(optimal, other) for other in evaluations[:-1]]
+    with run.store.writing(COMPARISON, key) as path:
+        write_comparisons(path, comparisons)
+
+
+def original_mesh(store: Store, shape: Ready) -> OriginalMesh:
+    """Return all parts of a shape as it was read, in one mesh."""
+    parts = read_shape(store.path(shape_artifact(shape.name))).parts.values()
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return OriginalMesh(
+        np.vstack([part.vertices for part in parts]),
+        np.vstack([part.faces + o for part, o in zip(parts, offsets[:-1], strict=True)]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FoldTask:
+    store: Store
+    fold: Fold
+    artifact: str
+    key: str
+    shapes: tuple[Ready, ...]
+    poses: FloatArray
+    domain: BaseDomain
+    settings: CorrespondenceSettings
+    mode_counts: tuple[int, ...]
+
+
+def _left_out(
+    run: Run, prepared: Prepared, embedded: Embedded, corresponded: Corresponded
+) -> Mapping[str, Any]:
+    shapes = embedded.ready
+    if len(shapes) < FEWEST_SHAPES:
+        run.tell(Note(f"generalisation: not measured, {len(shapes)} shapes are too few"))
+        return {}
+    folds = cross_validation_folds([shape.id for shape in shapes])
+    mode_counts = tuple(range(run.study.settings.evaluation.modes + 1))
+    tasks = [
+        _FoldTask(
+            run.store,
+            fold,
+            f"folds/{number}.json",
+            key_of("fold", corresponded.key, [fold.label, fold.train, fold.test], mode_counts),
+            shapes,
+            prepared.poses[list(embedded.index)],
+            prepared.domain,
+            correspondence_settings(run.study),
+            mode_counts,
+        )
+        for number, fold in enumerate(folds.folds, start=1)
+    ]
+    results: list[FoldResidues | None] = [None] * len(tasks)
+    run.tell(Progress("evaluate", 0, len(tasks)))
+    for done, outcome in enumerate(each(_fold, tasks, run.workers), start=1):
+        results[outcome.index] = outcome.result
+        run.tell(Progress("evaluate", done, len(tasks), tasks[outcome.index].fold.label))
+    return cross_validated(folds, [item for item in results if item is not None], mode_counts)
+
+
+def _fold(task: _FoldTask) -> FoldResidues:
+    if not task.store.is_current(task.artifact, task.key):
+        originals = [original_mesh(task.store, task.shapes[index]) for index in task.fold.test]
+        residues = fold_residues(
+            task.fold, lambda fold: _placed(task, fold), originals, task.mode_counts
+        )
+        facts = {
+            kind: [{name: getattr(item, name).tolist() for name in MEASURES} for item in items]
+            for kind, items in residues.items()
+        }
+        task.store.write_json(task.artifact, task.key, facts)
+    stored = task.store.read_json(task.artifact)
+    return {
+        kind: tuple(Residues(*(np.array(item[name]) for name in MEASURES)) for item in items)
+        for kind, items in stored.items()
+    }
+
+
+def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
+    """Build the three models without a fold's shapes and place these in them."""
+    samplers = {
+        index: sampler(
+            read_embeddings(task.store.path(embedding_artifact(task.shapes[index].name))),
+            task.domain,
+        )
+        for index in (*fold.train, *fold.test)
+    }
+    training = [samplers[index] for index in fold.train]
+    ids = [task.shapes[index].id for index in fold.train]
+    poses = task.poses[list(fold.train)]
+    yardstick = build_yardstick(training, ids, task.domain, poses, task.settings)
+    trained = correspond(training, ids, yardstick, task.settings)
+    groups = _groups(task, fold.test)
+    placed = {}
+    for kind, model in trained.items():
+        points: dict[int, FloatArray] = {}
+        transforms: dict[int, FloatArray] = {}
+        for group in groups:
+            result = place(
+                [samplers[index] for index in group], model, jointly=task.settings.per == "subject"
+            )
+            points.update(zip(group, result.points, strict=True))
+            transforms.update(zip(group, result.transforms, strict=True))
+        placed[str(kind)] = PlacedFold(
+            model.correspondence.aligned,
+            model.correspondence.weights,
+            mesh_of_template(model.correspondence.template),
+            np.stack([points[index] for index in fold.test]),
+            np.stack([transforms[index] for index in fold.test]),
+        )
+    return placed
+
+
+def _groups(task: _FoldTask, test: Sequence[int]) -> list[list[int]]:
+    """Return the left-out shapes subject by subject."""
+    subjects = list(dict.fromkeys(task.shapes[index].id.subject for index in test))
+    return [
+        [index for index in test if task.shapes[index].id.subject == subject]
+        for subject in subjects
+    ]
+
+
+def _truth_distance(run: Run, correspondence: Correspondence) -> TruthDistance | None:
+    stated = run.study.settings.evaluation.truth
+    if stated is None:
+        return None
+    truth = read_truth(run.study.path.parent / stated)
+    return distance_to_truth(
+        correspondence,
+        lambda shape, part, points: material_coordinates(truth, shape, part, points),
+        lambda shape, part, material: true_positions(truth, shape, part, material),
+    )

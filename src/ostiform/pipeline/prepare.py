@@ -1,0 +1,209 @@
+"""Stage 1: the files of every shape become surfaces with named ostia, in one pose, on one domain.
+
+Artifacts: ``shapes/NAME.npz`` (the surfaces as read, in input coordinates), ``poses.json`` and
+``domain.json``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.domain import (
+    BaseDomain,
+    CircleSetting,
+    ComponentOutline,
+    ConformalHoles,
+    chosen_pole,
+    domain_from_json,
+    domain_to_json,
+    lay_out,
+    outlined,
+    population_poses,
+)
+from ostiform.embedding import conformal_holes
+from ostiform.errors import InputError
+from ostiform.pipeline.arrays_file import read_shape as read_stored_shape
+from ostiform.pipeline.arrays_file import write_shape
+from ostiform.pipeline.events import Warn
+from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
+from ostiform.pipeline.store import Store, file_hash, key_of, slug
+from ostiform.study import Shape, ShapeEntry, Study, read_shape
+from ostiform.surface import Component, cleaned_for_embedding, welded_components
+
+__all__ = ["Prepared", "prepare_shapes", "prepared_components", "shape_artifact"]
+
+READING_SETTINGS = {"repair", "units", "frame", "parts", "seams", "shapes", "ostia", "welding"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """The usable shapes of a study, their common pose and the base domain.
+
+    Attributes
+    ----------
+    ready : tuple of Ready
+        N shapes in study order.
+    repairs : mapping of str to tuple of str
+        What was changed on reading, by artifact name; only shapes with repairs.
+    poses : (N, 4, 4) float64
+        From input coordinates to the population's frame (column vectors).
+    domain : BaseDomain
+    domain_key : str
+        Hash of everything the domain was made from.
+    failures : tuple of Failure
+    """
+
+    ready: tuple[Ready, ...]
+    repairs: Mapping[str, tuple[str, ...]]
+    poses: FloatArray
+    domain: BaseDomain
+    domain_key: str
+    failures: tuple[Failure, ...]
+
+
+def prepare_shapes(run: Run) -> Prepared:
+    """Read every shape, bring the population into one pose and lay out its base domain."""
+    entries = run.study.entries
+    ids = [entry.id for entry in entries]
+    tasks = [_ReadTask(run.study, entry, run.store) for entry in entries]
+    found, failures = over_shapes(run, "read", _read, tasks, ids)
+    repairs = {item.ready.name: item.repairs for item in found if item and item.repairs}
+    ready = survivors(item.ready if item else None for item in found)
+    settings = run.study.settings
+    domain_key = key_of(
+        "domain",
+        [shape.key for shape in ready],
+        settings.pole,
+        settings.domain.model_dump(mode="json"),
+    )
+    if not run.store.is_current("poses.json", domain_key):
+        run.store.write_json("poses.json", domain_key, _poses(run, ready).tolist())
+    poses = frozen_floats(run.store.read_json("poses.json"), (len(ready), 4, 4), "poses")
+    if not run.store.is_current("domain.json", domain_key):
+        run.store.write_json("domain.json", domain_key, domain_to_json(_domain(run, ready, poses)))
+    domain = domain_from_json(run.store.read_json("domain.json"))
+    return Prepared(ready, repairs, poses, domain, domain_key, tuple(failures))
+
+
+def prepared_components(shape: Shape) -> tuple[tuple[Component, ...], tuple[str, ...]]:
+    """Return the components of a shape, fit for embedding, and what was repaired on the way."""
+    cleaned = [cleaned_for_embedding(c) for c in welded_components(shape.parts, shape.seams)]
+    return (
+        tuple(component for component, _ in cleaned),
+        tuple(repair for _, repairs in cleaned for repair in repairs),
+    )
+
+
+def shape_artifact(name: str) -> str:
+    """Return the artifact of a shape as it was read."""
+    return f"shapes/{name}.npz"
+
+
+@dataclass(frozen=True, slots=True)
+class _ReadTask:
+    study: Study
+    entry: ShapeEntry
+    store: Store
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    ready: Ready
+    repairs: tuple[str, ...]
+
+
+def _read(task: _ReadTask) -> _Read:
+    name = slug(task.entry.id)
+    settings = task.study.settings.model_dump(mode="json", include=READING_SETTINGS)
+    identity = [task.entry.id.subject, task.entry.id.phase, task.entry.id.time]
+    hashes = {part: _hash(task.entry, part) for part in task.entry.files}
+    key = key_of("shape", identity, hashes, settings)
+    artifact = shape_artifact(name)
+    if task.store.is_current(artifact, key):
+        shape = read_stored_shape(task.store.path(artifact))
+    else:
+        shape = read_shape(task.study, task.entry)
+        prepared_components(shape)  # a topology that cannot be mapped is refused here
+        with task.store.writing(artifact, key) as path:
+            write_shape(path, shape)
+    return _Read(Ready(task.entry.id, name, key), shape.repairs)
+
+
+def _hash(entry: ShapeEntry, part: str) -> str:
+    path = entry.files[part]
+    try:
+        return file_hash(path)
+    except OSError as error:
+        raise InputError(
+            f"{entry.id}: expected to read {path} for part {part}, found that "
+            f"{error.strerror or error}; check the file"
+        ) from error
+
+
+def _poses(run: Run, ready: Sequence[Ready]) -> FloatArray:
+    shapes = [read_stored_shape(run.store.path(shape_artifact(shape.name))) for shape in ready]
+    poses = population_poses(shapes)
+    for shape, is_mirrored in zip(ready, poses.mirrored, strict=True):
+        if is_mirrored:
+            run.tell(Warn(f"{shape.id}: fits the others better as its mirror image; check it"))
+    return poses.transforms
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _HolesTask:
+    store: Store
+    name: str
+    poles: tuple[str | None, ...]
+    pose: FloatArray
+
+
+def _domain(run: Run, ready: Sequence[Ready], poses: FloatArray) -> BaseDomain:
+    """Lay out the domain; a shape whose holes cannot be mapped has no say, and fails later."""
+    pole, ids = run.study.settings.pole, [shape.id for shape in ready]
+    names = [(run.store, shape.name) for shape in ready]
+    outlines, _ = over_shapes(run, "outline", _outlines, names, ids)
+    by_component = [list(column) for column in zip(*(o for o in outlines if o), strict=True)]
+    poles = tuple(chosen_pole(column, pole) for column in by_component)
+    tasks = [
+        _HolesTask(run.store, shape.name, poles, pose)
+        for shape, pose in zip(ready, poses, strict=True)
+    ]
+    holes, _ = over_shapes(run, "domain", _holes, tasks, ids)
+    usable = [item for item in holes if item is not None]
+    if not usable:
+        raise InputError(
+            "base domain: expected hole positions of at least one shape, found none; "
+            "mend the shapes named above and run again"
+        )
+    return lay_out(
+        by_component,
+        [list(column) for column in zip(*usable, strict=True)],
+        pole,
+        _circle_settings(run.study),
+    )
+
+
+def _outlines(task: tuple[Store, str]) -> tuple[ComponentOutline, ...]:
+    store, name = task
+    shape = read_stored_shape(store.path(shape_artifact(name)))
+    return tuple(outlined(c) for c in welded_components(shape.parts, shape.seams))
+
+
+def _holes(task: _HolesTask) -> tuple[ConformalHoles, ...]:
+    shape = read_stored_shape(task.store.path(shape_artifact(task.name)))
+    components, _ = prepared_components(shape)
+    return tuple(
+        conformal_holes(component, pole, task.pose)
+        for component, pole in zip(components, task.poles, strict=True)
+    )
+
+
+def _circle_settings(study: Study) -> dict[str, CircleSetting]:
+    return {
+        name: CircleSetting(
+            np.array(circle.center), circle.radius_deg, circle.phase_deg, circle.frame
+        )
+        for name, circle in study.settings.domain.circles.items()
+    }

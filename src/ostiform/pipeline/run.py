@@ -1,0 +1,127 @@
+"""What every stage of a run shares, and how a shape is left out."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from ostiform.errors import OstiformError
+from ostiform.execution import each
+from ostiform.pipeline.events import Progress, Tell, Warn
+from ostiform.pipeline.store import Store
+from ostiform.study import ShapeId, Study
+
+__all__ = ["Failure", "Ready", "Run", "over_shapes", "survivors"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A study, where its results go, and how the work is done.
+
+    Attributes
+    ----------
+    study : Study
+    store : Store
+    workers : int
+        Processes.
+    tell : callable
+        Takes the events of the run.
+    """
+
+    study: Study
+    store: Store
+    workers: int
+    tell: Tell
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A shape that a stage has finished.
+
+    Attributes
+    ----------
+    id : ShapeId
+    name : str
+        Path segment of its artifacts.
+    key : str
+        Hash of everything its artifact was made from.
+    """
+
+    id: ShapeId
+    name: str
+    key: str
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A shape left out of the model, and why."""
+
+    id: ShapeId
+    stage: str
+    reason: str
+
+
+def over_shapes(
+    run: Run,
+    stage: str,
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    ids: Sequence[ShapeId],
+) -> tuple[list[Result | None], list[Failure]]:
+    """Apply a stage's function to every shape, keeping failures apart.
+
+    Parameters
+    ----------
+    run : Run
+    stage : str
+        For progress and failures.
+    function : callable
+        Importable by name.
+    items : sequence
+        One per shape.
+    ids : sequence of ShapeId
+
+    Returns
+    -------
+    results : list
+        In the order of the items; None for a shape that failed.
+    failures : list of Failure
+
+    Raises
+    ------
+    OstiformError
+        The first failure, where the study says that one bad shape stops the run.
+    """
+    results: list[Result | None] = [None] * len(items)
+    failures = []
+    run.tell(Progress(stage, 0, len(items)))
+    for done, outcome in enumerate(each(function, items, run.workers), start=1):
+        shape = ids[outcome.index]
+        if outcome.error is None:
+            results[outcome.index] = outcome.value
+        else:
+            if run.study.settings.shapes.on_error == "stop":
+                raise outcome.error
+            failures.append(Failure(shape, stage, str(outcome.error)))
+            run.tell(Warn(f"{shape} left out: {outcome.error}"))
+        run.tell(Progress(stage, done, len(items), str(shape)))
+    return results, sorted(failures, key=lambda failure: list(ids).index(failure.id))
+
+
+def survivors(ready: Iterable[Ready | None], needed: int = 2) -> tuple[Ready, ...]:
+    """Return the shapes that did not fail.
+
+    Raises
+    ------
+    OstiformError
+        If fewer than `needed` are left.
+    """
+    kept = tuple(shape for shape in ready if shape is not None)
+    if len(kept) < needed:
+        raise OstiformError(
+            f"expected at least {needed} usable shapes, found {len(kept)}; "
+            "mend the shapes named above and run again"
+        )
+    return kept
