@@ -10,12 +10,13 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from ostiform.errors import OstiformError
 
-__all__ = ["Outcome", "each"]
+__all__ = ["Outcome", "Workers"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -52,53 +53,66 @@ class Outcome(Generic[Result]):
         return self.value  # type: ignore[return-value]
 
 
-def each(
-    function: Callable[[Item], Result], items: Sequence[Item], workers: int = 1
-) -> Iterator[Outcome[Result]]:
-    """Yield the outcome of `function(item)` for every item, in the order in which they finish.
+@dataclass(slots=True)
+class Workers:
+    """Processes that a run keeps for all its stages; with a count of 1, this process itself.
 
-    Parameters
-    ----------
-    function : callable
-        A function of one item; importable by name when `workers` is above one.
-    items : sequence
-        Picklable when `workers` is above one.
-    workers : int
-        Processes; 1 runs in this process.
-
-    Raises
-    ------
-    OstiformError
-        If workers keep dying.
+    A context manager: leaving it ends the processes, at once if an exception is under way.
     """
-    if workers <= 1 or len(items) <= 1:
-        for index, item in enumerate(items):
-            yield _outcome(function, index, item)
-        return
-    open_items = dict(enumerate(items))
-    for _ in range(1 + POOL_RESTARTS):
-        try:
-            for outcome in _pooled(function, open_items, min(workers, len(items))):
-                del open_items[outcome.index]
-                yield outcome
+
+    count: int
+    _pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> "Workers":
+        """Return this value; processes are started when first needed."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End the processes."""
+        if self._pool is not None and kind is not None:
+            _terminate(self._pool)
+        self._close()
+
+    def each(
+        self, function: Callable[[Item], Result], items: Sequence[Item]
+    ) -> Iterator[Outcome[Result]]:
+        """Yield the outcome of `function(item)` for every item, in the order they finish.
+
+        Parameters
+        ----------
+        function : callable
+            A function of one item; importable by name when there are several processes.
+        items : sequence
+            Picklable when there are several processes.
+
+        Raises
+        ------
+        OstiformError
+            If workers keep dying.
+        """
+        if self.count <= 1 or len(items) <= 1:
+            for index, item in enumerate(items):
+                yield _outcome(function, index, item)
             return
-        except BrokenProcessPool:
-            continue
-    raise OstiformError(
-        f"expected worker processes to finish, found that they were killed {POOL_RESTARTS + 1} "
-        f"times with {len(open_items)} items open (out of memory?); run again with fewer workers"
-    )
+        open_items = dict(enumerate(items))
+        for _ in range(1 + POOL_RESTARTS):
+            try:
+                for outcome in self._pooled(function, open_items):
+                    del open_items[outcome.index]
+                    yield outcome
+                return
+            except BrokenProcessPool:
+                self._close()
+        raise OstiformError(
+            f"expected worker processes to finish, found that they were killed "
+            f"{POOL_RESTARTS + 1} times with {len(open_items)} items open (out of memory?); "
+            "run again with fewer workers"
+        )
 
-
-def _pooled(
-    function: Callable[[Item], Result], items: dict[int, Item], workers: int
-) -> Iterator[Outcome[Result]]:
-    pool = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker
-    )
-    threads = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))  # read when a worker imports NumPy
-    try:
+    def _pooled(
+        self, function: Callable[[Item], Result], items: dict[int, Item]
+    ) -> Iterator[Outcome[Result]]:
+        pool = self._started()
         pending: set[Future[Outcome[Result]]] = {
             pool.submit(_outcome, function, index, item) for index, item in items.items()
         }
@@ -106,16 +120,38 @@ def _pooled(
             done, pending = wait(pending, return_when=FIRST_COMPLETED)
             for future in done:
                 yield future.result()
-    except BaseException:
-        _stop(pool)
-        raise
+
+    def _started(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(
+                self.count,
+                mp_context=multiprocessing.get_context("spawn"),
+                initializer=_start_worker,
+            )
+            with _single_threaded():  # read when a worker imports NumPy
+                for _ in range(self.count):
+                    self._pool.submit(os.getpid)  # each starts a process, up to the count
+        return self._pool
+
+    def _close(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Give processes started in the block one thread each for linear algebra."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
     finally:
-        for name, value in threads.items():
+        for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _outcome(function: Callable[[Item], Result], index: int, item: Item) -> Outcome[Result]:
@@ -129,7 +165,7 @@ def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
 
 
-def _stop(pool: ProcessPoolExecutor) -> None:
+def _terminate(pool: ProcessPoolExecutor) -> None:
     """End the workers at once: what they had finished is on disk, the rest is done again."""
     for process in list((pool._processes or {}).values()):
         process.terminate()

@@ -2,6 +2,8 @@
 
 import csv
 import tomllib
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -228,6 +230,13 @@ def test_the_same_seed_writes_the_same_files(written, tmp_path):
             assert (
                 path.read_bytes() == (again.parent / path.relative_to(written.parent)).read_bytes()
             )
+
+
+def test_shapes_meshed_by_other_processes_give_the_same_files(written, tmp_path):
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        again = write_demonstration(tmp_path, 2, 3, seed=7, edge_mm=EDGE_MM, mapped=pool.map)
+    for name in ("study.toml", "shapes.csv", "shapes/S1_01_LA.vtp"):
+        assert (again.parent / name).read_bytes() == (written.parent / name).read_bytes()
 
 
 def test_another_seed_draws_other_hearts(written):

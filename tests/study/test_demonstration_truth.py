@@ -91,10 +91,10 @@ def test_the_file_gives_back_the_same_maps(truth, tmp_path, rng):
     assert list(again.deformations) == list(truth.deformations)
     points = 30.0 * rng.normal(size=(100, 3))
     for shape_id, deformation in truth.deformations.items():
-        np.testing.assert_array_equal(
-            again.deformation(shape_id).forward(points), deformation.forward(points)
-        )
-    np.testing.assert_array_equal(again.anatomy.level(points)[0], truth.anatomy.level(points)[0])
+        there = again.deformation(shape_id).forward(points)
+        np.testing.assert_allclose(there, deformation.forward(points), atol=ROUND_TRIP_MM)
+    level, _ = again.anatomy.level(points)
+    np.testing.assert_allclose(level, truth.anatomy.level(points)[0], atol=ROUND_TRIP_MM)
 
 
 def test_unknown_shapes_and_parts_are_refused(truth):

@@ -31,20 +31,26 @@ def _show(common: Common, checks: list[ShapeCheck]) -> int:
 
 
 def _print_table(checks: list[ShapeCheck]) -> None:
-    table = Table("shape", "part", "vertices", "triangles", "ostia", "worst triangle", "verdict")
+    table = Table(
+        "shape", "part", "vertices", "openings", "genus", "components", "worst triangle", "verdict"
+    )
     for check in checks:
+        verdict = "not usable" if check.problem else "usable, mended" if check.repairs else "usable"
         for row in check.parts:
+            named = ", ".join(row.ostia) or ("closed" if row.n_openings == 0 else "")
+            openings = "?" if row.n_openings is None else str(row.n_openings)
             table.add_row(
                 str(check.id),
                 row.part,
                 str(row.n_vertices),
-                str(row.n_faces),
-                ", ".join(row.ostia) or "closed",
+                f"{openings} ({named})" if named else openings,
+                "?" if row.genus is None else str(row.genus),
+                str(row.n_components),
                 f"{row.worst_triangle:.3f}",
-                "usable",
+                verdict,
             )
-        if check.problem is not None:
-            table.add_row(str(check.id), "", "", "", "", "", "not usable")
+        if not check.parts:
+            table.add_row(str(check.id), "", "", "", "", "", "", verdict)
     console = Console()
     console.print(table)
     for check in checks:

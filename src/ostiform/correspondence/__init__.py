@@ -17,13 +17,14 @@ from ostiform.correspondence.sampling import (
 )
 from ostiform.correspondence.settings import CorrespondenceSettings
 from ostiform.correspondence.sweeps import SweepRecord
-from ostiform.correspondence.trained import KINDS, TrainedCorrespondence, Yardstick
+from ostiform.correspondence.trained import KINDS, Kind, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
 
 __all__ = [
     "Correspondence",
     "CorrespondenceSettings",
     "KINDS",
+    "Kind",
     "ShapeSampler",
     "SweepRecord",
     "TemplateCoverage",

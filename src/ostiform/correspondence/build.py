@@ -1,6 +1,7 @@
 """From embedded shapes to the three models of the paper in one run (HY 2.3, 3; design 5, 6)."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from ostiform.correspondence.hierarchy import (
     first_population,
     optimal_levels,
 )
+from ostiform.correspondence.metric import metric_term, with_reference
 from ostiform.correspondence.population_template import population_template
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.settings import CorrespondenceSettings
@@ -176,9 +178,10 @@ def _problem(
     points = np.stack([sample(shape, coarse, coarse.points) for shape in samplers])
     weights = area_shares(points, coarse.faces).mean(axis=0)
     weights /= weights.sum()
+    aligned = align(points, weights, yardstick.alignment, yardstick.groups).aligned
+    metric = metric_term(coarse, aligned.mean(axis=0), settings.metric)
     unit_mm = settings.euclidean_noise_mm
     if unit_mm is None:
-        aligned = align(points, weights, yardstick.alignment, yardstick.groups).aligned
         unit_mm = max(root_mean_square_spread(aligned, weights), yardstick.noise_mm)
     return Problem(
         samplers=tuple(samplers),
@@ -188,6 +191,7 @@ def _problem(
         weights=weights,
         circles=circle_table(yardstick.domain, template),
         groups=yardstick.groups,
+        metric=with_reference(metric, points),
         l_cut=yardstick.l_cut,
         unit_mm=unit_mm,
         settings=settings,
@@ -224,6 +228,8 @@ def _trained(
     )
     found = spectrum(alignment.aligned, yardstick.weights)
     strong = found.eigenvalues > yardstick.l_cut
+    coarse = alignment.aligned[:, problem.index]  # (N, Q, 3)
+    metric = with_reference(problem.metric, coarse)
     return TrainedCorrespondence(
         kind=kind,
         correspondence=correspondence,
@@ -231,8 +237,8 @@ def _trained(
         mean=alignment.mean,
         eigenvalues=found.eigenvalues[strong],
         modes=found.modes[strong],
-        levels=tuple(result.level for result in results),
-        forms=_placing_forms(problem, alignment.aligned[:, problem.index], len(results)),
+        levels=tuple(replace(result.level, metric=metric) for result in results),
+        forms=_placing_forms(problem, coarse, results),
         history=tuple(record for result in results for record in result.records),
         statuses=tuple(result.status for result in results),
         interior=results[-1].interior if results else None,
@@ -241,10 +247,10 @@ def _trained(
 
 
 def _placing_forms(
-    problem: Problem, aligned: FloatArray, n_levels: int
+    problem: Problem, aligned: FloatArray, results: Sequence[LevelResult]
 ) -> tuple[QuadraticForm, ...]:
     """Return what a further shape minimises: the distance to the mean, then ``y^T W y``."""
     found = spectrum(aligned, problem.weights)
     nearest = euclidean_form(found.mean, problem.weights, problem.unit_mm**2)
-    shortest = majoriser(found, problem.weights, problem.l_cut)
-    return (nearest, *(shortest for _ in range(n_levels - 1)))[:n_levels]
+    shortest = [majoriser(found, problem.weights, result.l_cut) for result in results[1:]]
+    return (nearest, *shortest)[: len(results)]

@@ -16,16 +16,23 @@ from ostiform.correspondence.description_length import (
     majoriser,
     spectrum,
 )
+from ostiform.correspondence.metric import metric_value
 from ostiform.correspondence.penalty import penalty_value
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.shape_step import (
     LEAST_ORIENTATION_SHARE,
     LONGEST_STEP,
+    ShapeGoal,
     WarpLevel,
     WarpState,
     gradient,
 )
-from ostiform.correspondence.sweeps import Population, SweepOutcome, sweep_outcome
+from ostiform.correspondence.sweeps import (
+    Population,
+    SweepOutcome,
+    current_metric,
+    sweep_outcome,
+)
 from ostiform.correspondence.warps import fastest_point, flow, orientation_share
 
 __all__ = ["conjugate_gradient_sweep"]
@@ -93,6 +100,7 @@ def _optimised_surface(
     middle, root_weights = aligned.mean(axis=0), np.sqrt(weights)[:, None]
     scaled = ((aligned - middle) * root_weights).reshape(len(aligned), -1)  # (N, 3Q)
     gram = scaled @ scaled.T
+    metric = current_metric(population, level)
 
     def cost(state: WarpState) -> float:
         row = (_aligned(state, transform) - middle) * root_weights
@@ -102,7 +110,7 @@ def _optimised_surface(
         changed[shape] = changed[:, shape] = trial @ trial[shape]
         length = length_of_spectrum(_covariance_eigenvalues(changed), l_cut)
         penalty = penalty_value(level.penalty, state.directions[level.index])
-        return (len(aligned) - 1) * length + penalty
+        return (len(aligned) - 1) * length + penalty + metric_value(metric, state.landmarks)
 
     state = population.states[shape]
     total = np.zeros(len(level.basis))
@@ -111,7 +119,7 @@ def _optimised_surface(
     for _ in range(STEPS_PER_SURFACE):
         aligned[shape] = _aligned(state, transform)
         form = majoriser(spectrum(aligned, weights), weights, l_cut)
-        slope = gradient(sampler, state, level, form, transform)
+        slope = gradient(sampler, state, level, ShapeGoal(form, metric), transform)
         momentum = max(0.0, float(slope @ (slope - before)) / float(before @ before or np.inf))
         direction = momentum * direction - slope
         if slope @ direction >= 0.0:

@@ -13,7 +13,6 @@ from ostiform.correspondence.control_points import (
     basis_of,
     boundary_control_points,
     insert_interior,
-    joined,
     no_control_points,
 )
 from ostiform.correspondence.description_length import (
@@ -22,7 +21,13 @@ from ostiform.correspondence.description_length import (
     majoriser,
     spectrum,
 )
-from ostiform.correspondence.euclidean import euclidean_forms, euclidean_value, medoid
+from ostiform.correspondence.euclidean import (
+    euclidean_forms,
+    euclidean_value,
+    medoid,
+    root_mean_square_spread,
+)
+from ostiform.correspondence.metric import MetricTerm
 from ostiform.correspondence.penalty import displacement_penalty
 from ostiform.correspondence.sampling import ShapeSampler
 from ostiform.correspondence.settings import CorrespondenceSettings
@@ -44,6 +49,7 @@ from ostiform.domain import Template
 __all__ = [
     "LevelResult",
     "Problem",
+    "annealed_cut_offs",
     "coarse_template",
     "euclidean_level",
     "first_population",
@@ -68,6 +74,8 @@ class Problem:
         See `warps.circle_table`.
     groups : (N,) int64
         Shapes that share a transform.
+    metric : MetricTerm
+        Referred to the mean of the conformal sampling.
     l_cut : float
         mm^2.
     unit_mm : float
@@ -82,6 +90,7 @@ class Problem:
     weights: FloatArray
     circles: FloatArray
     groups: IntArray
+    metric: MetricTerm
     l_cut: float
     unit_mm: float
     settings: CorrespondenceSettings
@@ -97,6 +106,8 @@ class LevelResult:
     level : WarpLevel
         With the fields of the level, to place further shapes.
     interior, boundary : ControlPoints
+    l_cut : float
+        The level's own cut-off, mm^2.
     records : tuple of SweepRecord
     status : LevelStatus
     """
@@ -105,6 +116,7 @@ class LevelResult:
     level: WarpLevel
     interior: ControlPoints
     boundary: ControlPoints
+    l_cut: float
     records: tuple[SweepRecord, ...]
     status: LevelStatus
 
@@ -154,8 +166,7 @@ def euclidean_level(
     The fields are few and smooth: six conformal fields per sphere (rotations and boosts, cut off
     at the circles) and the sliding of every circle as a whole.
     """
-    interior, boundary = no_control_points(), boundary_control_points(problem.circles, 1)
-    level = _level(problem, interior, boundary)
+    control = no_control_points(), boundary_control_points(problem.circles, 1)
     reference = medoid(population.aligned, problem.weights)
 
     def forms(aligned: FloatArray) -> tuple[QuadraticForm, ...]:
@@ -169,61 +180,76 @@ def euclidean_level(
         return euclidean_value(forms(aligned), aligned)
 
     objective = SweepObjective(value, take, _realigner(problem, value))
-    return _swept(
-        problem, population, level, (interior, boundary), ("euclidean", 1), objective, progress
-    )
+    labels = ("euclidean", 1)
+    return _swept(problem, population, control, labels, objective, problem.l_cut, progress)
 
 
 def optimal_levels(
     problem: Problem, population: Population, progress: Progress | None
 ) -> tuple[LevelResult, ...]:
-    """Return levels 2 and finer, each minimising the description length of the whole set."""
+    """Return levels 2 and finer, each minimising the description length of the whole set.
+
+    The cut-off is annealed over the levels: see `annealed_cut_offs`.
+    """
     settings = problem.settings
     rng = np.random.default_rng(settings.seed)
-    import os
-
-    AN = float(os.environ.get("ANNEAL", "0"))
-    cell = [problem.l_cut]
-    V0 = ((population.aligned - population.aligned.mean(0)) ** 2).sum(2).dot(problem.weights).mean()
-
-    def value(aligned: FloatArray) -> float:
-        return description_length(aligned, problem.weights, cell[0])
-
-    def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
-        found = spectrum(current.aligned, problem.weights)
-        form = majoriser(found, problem.weights, cell[0])
-        return joint_sweep(problem.samplers, current, level, (form,) * len(current.states))
-
-    def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
-        return conjugate_gradient_sweep(
-            problem.samplers, current, level, problem.weights, problem.l_cut, rng
-        )
-
-    take = majorise if settings.optimiser == "majorise" else descend
-    objective = SweepObjective(value, take, _realigner(problem, value))
+    spread = root_mean_square_spread(population.aligned, problem.weights)
+    cut_offs = annealed_cut_offs(problem.l_cut, spread**2, settings.levels)
     results: list[LevelResult] = []
     interior = no_control_points()
-    for number in range(2, settings.levels + 1):
+    for number, l_cut in zip(range(2, settings.levels + 1), cut_offs, strict=True):
         mean_shape = population.aligned.mean(axis=0)
-        if AN:
-            cell[0] = problem.l_cut * max(1, AN * V0 / problem.l_cut) ** (
-                (settings.levels - number) / (settings.levels - 2)
-            )
         interior = insert_interior(interior, problem.coarse, mean_shape, number)
         boundary = boundary_control_points(problem.circles, number)
-        level = _level(problem, interior, boundary)
         result = _swept(
             problem,
             population,
-            level,
             (interior, boundary),
             ("optimal", number),
-            objective,
+            _length_objective(problem, l_cut, rng),
+            l_cut,
             progress,
         )
         population = result.population
         results.append(result)
     return tuple(results)
+
+
+def annealed_cut_offs(l_cut: float, variance: float, levels: int) -> tuple[float, ...]:
+    """Return the cut-off (mm^2) of levels 2 to `levels`: geometric, from the variance to l_cut.
+
+    With the cut-off at the total variance F is the variance itself, which pulls every shape
+    towards the mean alike; lower cut-offs leave alone what the population's modes explain. The
+    last level always has l_cut itself.
+
+    Parameters
+    ----------
+    l_cut : float
+        mm^2.
+    variance : float
+        Total variance per point before level 2, mm^2.
+    levels : int
+    """
+    above = max(variance / l_cut, 1.0)
+    count = levels - 1
+    return tuple(l_cut * above ** ((count - 1 - k) / max(count - 1, 1)) for k in range(count))
+
+
+def _length_objective(problem: Problem, l_cut: float, rng: np.random.Generator) -> SweepObjective:
+    def value(aligned: FloatArray) -> float:
+        return description_length(aligned, problem.weights, l_cut)
+
+    def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+        form = majoriser(spectrum(current.aligned, problem.weights), problem.weights, l_cut)
+        return joint_sweep(problem.samplers, current, level, (form,) * len(current.states))
+
+    def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+        return conjugate_gradient_sweep(
+            problem.samplers, current, level, problem.weights, l_cut, rng
+        )
+
+    take = majorise if problem.settings.optimiser == "majorise" else descend
+    return SweepObjective(value, take, _realigner(problem, value))
 
 
 def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -> WarpLevel:
@@ -232,7 +258,9 @@ def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -
     penalty = displacement_penalty(
         problem.coarse, problem.weights, problem.settings.stretch, problem.settings.offset
     )
-    return warp_level(problem.template, problem.coarse, problem.index, basis, penalty)
+    return warp_level(
+        problem.template, problem.coarse, problem.index, basis, penalty, problem.metric
+    )
 
 
 def _realigner(
@@ -249,12 +277,13 @@ def _realigner(
 def _swept(
     problem: Problem,
     population: Population,
-    level: WarpLevel,
     control: tuple[ControlPoints, ControlPoints],
     labels: tuple[str, int],
     objective: SweepObjective,
+    l_cut: float,
     progress: Progress | None,
 ) -> LevelResult:
+    level = _level(problem, *control)
     limits = (problem.settings.sweeps, problem.settings.tolerance)
     population, records, status = run_sweeps(population, level, objective, labels, limits, progress)
-    return LevelResult(population, level, *control, records, status)
+    return LevelResult(population, level, *control, l_cut, records, status)

@@ -11,6 +11,7 @@ from ostiform.correspondence.alignment import AlignmentMode, align_to
 from ostiform.correspondence.description_length import QuadraticForm
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.shape_step import (
+    ShapeGoal,
     WarpLevel,
     WarpState,
     advance,
@@ -56,6 +57,7 @@ def place(
     trained: TrainedCorrespondence,
     *,
     jointly: bool = True,
+    transform: FloatArray | None = None,
     sweeps: int = 8,
     tolerance: float = 1e-3,
 ) -> Placed:
@@ -71,6 +73,9 @@ def place(
     trained : TrainedCorrespondence
     jointly : bool
         One transform for all shapes, so that motion is not aligned away; else one each.
+    transform : (4, 4) float64, optional
+        From input coordinates to the model's frame, where it is known because the model was built
+        from other phases of the subject: a fit to some phases alone would align motion away.
     sweeps : int
         Most sweeps per level.
     tolerance : float
@@ -85,7 +90,11 @@ def place(
         raise InputError("placing shapes in a model: expected at least one shape, found none")
     template = trained.yardstick.template
     directions = np.broadcast_to(template.points, (len(samplers), *template.points.shape))
-    to_mean = partial(_fitted, jointly=jointly, mode=trained.yardstick.alignment)
+    to_mean: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+    if transform is None:
+        to_mean = partial(_fitted, jointly=jointly, mode=trained.yardstick.alignment)
+    else:
+        to_mean = partial(_known, transform=transform)
     for level, form in zip(trained.levels, trained.forms, strict=True):
         states = tuple(
             start(shape, level, own) for shape, own in zip(samplers, directions, strict=True)
@@ -114,6 +123,13 @@ def _fitted(
     return np.stack([align_to(shape[None], target, weights, mode) for shape in points])
 
 
+def _known(
+    points: FloatArray, target: FloatArray, weights: FloatArray, *, transform: FloatArray
+) -> FloatArray:
+    """Return the transform of the subject for every shape, whatever the points."""
+    return np.broadcast_to(transform, (len(points), 4, 4))
+
+
 def _swept(
     samplers: Sequence[ShapeSampler],
     states: tuple[WarpState, ...],
@@ -124,12 +140,13 @@ def _swept(
 ) -> tuple[WarpState, ...]:
     """Return the states after the sweeps of one level against the frozen form."""
     most, tolerance = limits
+    goal = ShapeGoal(form, level.metric)
     weights = form.root_weights**2
     before = np.inf
     for _ in range(most):
         transforms = to_mean(np.stack([state.landmarks for state in states]), form.target, weights)
         value = sum(
-            objective(state, level, form, transform)
+            objective(state, level, goal, transform)
             for state, transform in zip(states, transforms, strict=True)
         )
         if before - value < tolerance * value:
@@ -137,7 +154,7 @@ def _swept(
         before = value
         advanced = []
         for sampler, state, transform in zip(samplers, states, transforms, strict=True):
-            step = propose(sampler, state, level, form, transform).coefficients
-            advanced.append(advance(sampler, state, level, form, transform, step)[0])
+            step = propose(sampler, state, level, goal, transform).coefficients
+            advanced.append(advance(sampler, state, level, goal, transform, step)[0])
         states = tuple(advanced)
     return states

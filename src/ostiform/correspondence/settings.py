@@ -38,6 +38,8 @@ class CorrespondenceSettings:
         the quadratic models promise less than this share too.
     stretch, offset : float
         Penalty on the accumulated displacement; see `penalty.displacement_penalty`.
+    metric : float
+        Strength of the metric term; see `metric`.
     euclidean_noise_mm : float or None
         Unit of distance of level 1, set against the penalty; None takes the root mean square
         distance per point of the conformal start from its mean.
@@ -56,6 +58,7 @@ class CorrespondenceSettings:
     tolerance: float = 1e-3
     stretch: float = 400.0
     offset: float = 400.0
+    metric: float = 0.0
     euclidean_noise_mm: float | None = None
     seed: int = 0
 
@@ -82,7 +85,7 @@ class CorrespondenceSettings:
                 raise InputError(
                     f"correspondence {name}: expected millimetres above 0, found {value:g}"
                 )
-        for name in ("tolerance", "stretch", "offset"):
+        for name in ("tolerance", "stretch", "offset", "metric"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(
                     f"correspondence {name}: expected a number not below 0, found "

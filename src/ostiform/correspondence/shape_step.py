@@ -20,6 +20,8 @@ from ostiform.correspondence.assembly_kernels import (
     score_derivatives,
 )
 from ostiform.correspondence.description_length import QuadraticForm, form_product, form_value
+from ostiform.correspondence.metric import MetricTerm, metric_residuals, metric_value
+from ostiform.correspondence.metric_kernels import metric_system
 from ostiform.correspondence.penalty import (
     DisplacementPenalty,
     penalty_force,
@@ -38,6 +40,7 @@ from ostiform.domain import Template
 
 __all__ = [
     "Proposal",
+    "ShapeGoal",
     "WarpLevel",
     "WarpState",
     "advance",
@@ -100,6 +103,8 @@ class WarpLevel:
         On the Q points.
     curvature : (D, D) float64
         Half the penalty's second derivative at the identity warp.
+    metric : MetricTerm
+        Its reference is the mean of the conformal sampling; sweeps bring it up to date.
     """
 
     template: Template
@@ -108,6 +113,23 @@ class WarpLevel:
     basis: FieldBasis
     penalty: DisplacementPenalty
     curvature: FloatArray
+    metric: MetricTerm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeGoal:
+    """What a shape's own least-squares problem measures beside its displacement.
+
+    Attributes
+    ----------
+    form : QuadraticForm
+        Of the Q aligned landmarks.
+    metric : MetricTerm
+        Of their edges.
+    """
+
+    form: QuadraticForm
+    metric: MetricTerm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,11 +157,12 @@ def warp_level(
     index: IntArray,
     basis: FieldBasis,
     penalty: DisplacementPenalty,
+    metric: MetricTerm,
 ) -> WarpLevel:
     """Return the shared values of a level, with the penalty's curvature at the identity."""
     fields = active(basis, coarse, coarse.points)
     curvature = penalty_hessian(penalty, fields, len(basis))
-    return WarpLevel(template, coarse, index, basis, penalty, curvature)
+    return WarpLevel(template, coarse, index, basis, penalty, curvature, metric)
 
 
 def start(sampler: ShapeSampler, level: WarpLevel, directions: FloatArray) -> WarpState:
@@ -147,30 +170,32 @@ def start(sampler: ShapeSampler, level: WarpLevel, directions: FloatArray) -> Wa
     return WarpState(directions, sample(sampler, level.coarse, directions[level.index]))
 
 
-def objective(
-    state: WarpState, level: WarpLevel, form: QuadraticForm, transform: FloatArray
-) -> float:
+def objective(state: WarpState, level: WarpLevel, goal: ShapeGoal, transform: FloatArray) -> float:
     """Return ``z^T W z + penalty`` of a shape."""
     aligned = state.landmarks @ transform[:3, :3].T + transform[:3, 3]
-    return form_value(form, aligned) + penalty_value(level.penalty, state.directions[level.index])
+    return (
+        form_value(goal.form, aligned)
+        + penalty_value(level.penalty, state.directions[level.index])
+        + metric_value(goal.metric, state.landmarks)
+    )
 
 
 def gradient(
     sampler: ShapeSampler,
     state: WarpState,
     level: WarpLevel,
-    form: QuadraticForm,
+    goal: ShapeGoal,
     transform: FloatArray,
 ) -> FloatArray:
     """Return the derivative (D,) of the objective by the coefficients of a flow composed on top."""
-    return 2.0 * _system(sampler, state, level, form, transform)[0]
+    return 2.0 * _system(sampler, state, level, goal, transform).half_gradient
 
 
 def propose(
     sampler: ShapeSampler,
     state: WarpState,
     level: WarpLevel,
-    form: QuadraticForm,
+    goal: ShapeGoal,
     transform: FloatArray,
 ) -> Proposal:
     """Return a Levenberg-damped Gauss-Newton step of one shape.
@@ -180,19 +205,23 @@ def propose(
     sampler : ShapeSampler
     state : WarpState
     level : WarpLevel
-    form : QuadraticForm
-        Of the Q aligned landmarks.
+    goal : ShapeGoal
     transform : (4, 4) float64
         From input to aligned coordinates.
     """
-    half_gradient, moved, starts, fields = _system(sampler, state, level, form, transform)
-    count = len(level.basis)
-    hessian = form.scale * normal_matrix(starts, fields, moved, count)
-    if len(form.modes):
-        scores = score_derivatives(
-            starts, fields, moved, np.ascontiguousarray(form.modes.T), count
-        )  # (D, R)
-        hessian -= (scores * form.gains) @ scores.T
+    system = _system(sampler, state, level, goal, transform)
+    half_gradient, hessian = system.half_gradient, system.hessian
+    scores = score_derivatives(
+        system.starts,
+        system.fields,
+        system.moved,
+        np.ascontiguousarray(goal.form.modes.T),
+        len(hessian),
+    )  # (D, R)
+    hessian = hessian + goal.form.scale * normal_matrix(
+        system.starts, system.fields, system.moved, len(hessian)
+    )
+    hessian -= (scores * goal.form.gains) @ scores.T
     hessian += level.curvature
     diagonal = np.diagonal(hessian)
     damped = hessian + np.diag(
@@ -200,7 +229,7 @@ def propose(
     )
     coefficients = -cho_solve(cho_factor(damped, check_finite=False), half_gradient)
     expected = -float(half_gradient @ coefficients)
-    before = objective(state, level, form, transform)
+    before = objective(state, level, goal, transform)
     return Proposal(coefficients, before, expected)
 
 
@@ -208,7 +237,7 @@ def advance(
     sampler: ShapeSampler,
     state: WarpState,
     level: WarpLevel,
-    form: QuadraticForm,
+    goal: ShapeGoal,
     transform: FloatArray,
     coefficients: FloatArray,
 ) -> tuple[WarpState, float]:
@@ -218,7 +247,7 @@ def advance(
     tenth of its initial determinant; a step refused at every length leaves the state but for
     its damping.
     """
-    before = objective(state, level, form, transform)
+    before = objective(state, level, goal, transform)
     fastest = fastest_point(level.basis, level.coarse, state.directions[level.index], coefficients)
     part = min(1.0, LONGEST_STEP / max(fastest, np.finfo(float).tiny))
     limited = part < 1.0
@@ -234,7 +263,7 @@ def advance(
         if orientation_share(level.template, directions) >= floor:
             landmarks = sample(sampler, level.coarse, directions[level.index])
             trial = WarpState(directions, landmarks, state.damping)
-            if objective(trial, level, form, transform) < before:
+            if objective(trial, level, goal, transform) < before:
                 factor = EASE if halving == 0 and not limited else 1.0 if halving <= 1 else TIGHTEN
                 return replace(trial, damping=_clipped(state.damping * factor)), part
         part *= 0.5
@@ -245,22 +274,35 @@ def _clipped(damping: float) -> float:
     return min(max(damping, LEAST_DAMPING), MOST_DAMPING)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """Half the gradient (D,), half the metric term's matrix (D, D), and the landmarks' Jacobian.
+
+    The Jacobian of the scaled, aligned landmarks is sparse: `moved` (A, 3) for the active fields.
+    """
+
+    half_gradient: FloatArray
+    hessian: FloatArray
+    starts: IntArray
+    fields: IntArray
+    moved: FloatArray
+
+
 def _system(
     sampler: ShapeSampler,
     state: WarpState,
     level: WarpLevel,
-    form: QuadraticForm,
+    goal: ShapeGoal,
     transform: FloatArray,
-) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    """Return half the gradient (D,) and the derivative of the landmarks as a sparse matrix."""
+) -> _System:
     directions = state.directions[level.index]
     fields = active(level.basis, level.coarse, directions)
     points, derivatives = sample_with_derivative(sampler, level.coarse, directions)
     linear = np.ascontiguousarray(transform[:3, :3])
     moved = landmark_derivatives(
-        fields.starts, fields.vectors, derivatives, linear, form.root_weights
+        fields.starts, fields.vectors, derivatives, linear, goal.form.root_weights
     )
-    force = form_product(form, points @ linear.T + transform[:3, 3])
+    force = form_product(goal.form, points @ linear.T + transform[:3, 3])
     count = len(level.basis)
     half_gradient = pulled_back(fields.starts, fields.fields, moved, force, count)
     half_gradient += pulled_back(
@@ -270,4 +312,20 @@ def _system(
         penalty_force(level.penalty, directions),
         count,
     )
-    return half_gradient, moved, fields.starts, fields.fields
+    hessian = np.zeros((count, count))
+    if goal.metric.strength > 0.0:
+        unscaled = landmark_derivatives(
+            fields.starts, fields.vectors, derivatives, np.eye(3), np.ones(len(points))
+        )
+        slope, hessian = metric_system(
+            points,
+            goal.metric.edges,
+            metric_residuals(goal.metric, points),
+            goal.metric.strength * goal.metric.weights,
+            fields.starts,
+            fields.fields,
+            unscaled,
+            count,
+        )
+        half_gradient += slope
+    return _System(half_gradient, hessian, fields.starts, fields.fields, moved)

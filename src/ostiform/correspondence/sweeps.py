@@ -11,9 +11,16 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import AlignmentMode, align
 from ostiform.correspondence.description_length import QuadraticForm
+from ostiform.correspondence.metric import MetricTerm, metric_value, with_reference
 from ostiform.correspondence.penalty import penalty_value
 from ostiform.correspondence.sampling import ShapeSampler
-from ostiform.correspondence.shape_step import WarpLevel, WarpState, advance, propose
+from ostiform.correspondence.shape_step import (
+    ShapeGoal,
+    WarpLevel,
+    WarpState,
+    advance,
+    propose,
+)
 from ostiform.surface import vertex_areas
 
 __all__ = [
@@ -118,10 +125,20 @@ def area_shares(points: FloatArray, faces: IntArray) -> FloatArray:
     return shares
 
 
+def current_metric(population: Population, level: WarpLevel) -> MetricTerm:
+    """Return the metric term with the population's present mean as reference."""
+    if level.metric.strength == 0.0:
+        return level.metric
+    return with_reference(level.metric, population.landmarks)
+
+
 def mean_penalty(population: Population, level: WarpLevel) -> float:
     """Return the penalty summed over the shapes and divided by N - 1, as it goes with F."""
+    metric = current_metric(population, level)
     total = sum(
-        penalty_value(level.penalty, state.directions[level.index]) for state in population.states
+        penalty_value(level.penalty, state.directions[level.index])
+        + metric_value(metric, state.landmarks)
+        for state in population.states
     )
     return total / max(len(population.states) - 1, 1)
 
@@ -191,16 +208,18 @@ def joint_sweep(
     (a velocity common to all shapes moves points together and explains nothing); then each shape
     takes the longest part of its step that lowers its own objective.
     """
-    triples = list(zip(samplers, population.states, forms, population.transforms, strict=True))
+    metric = current_metric(population, level)
+    goals = [ShapeGoal(form, metric) for form in forms]
+    triples = list(zip(samplers, population.states, goals, population.transforms, strict=True))
     proposals = [
-        propose(sampler, state, level, form, transform)
-        for sampler, state, form, transform in triples
+        propose(sampler, state, level, goal, transform)
+        for sampler, state, goal, transform in triples
     ]
     steps = np.stack([proposal.coefficients for proposal in proposals])  # (N, D)
     steps -= steps.mean(axis=0)
     outcomes = [
-        advance(sampler, state, level, form, transform, step)
-        for (sampler, state, form, transform), step in zip(triples, steps, strict=True)
+        advance(sampler, state, level, goal, transform, step)
+        for (sampler, state, goal, transform), step in zip(triples, steps, strict=True)
     ]
     parts = np.array([part for _, part in outcomes])
     moved = replace(population, states=tuple(state for state, _ in outcomes))

@@ -36,8 +36,8 @@ def fold_free_triangulation(
 
     Edges of flipped triangles are flipped where that makes both triangles positive; then interior
     vertices of flipped and very thin triangles move to where the worst triangle round them is
-    best. If flipped ones remain, the spherical Delaunay triangulation of the points, kept clear of the circles,
-    replaces the triangles.
+    best. If flipped ones remain, the spherical Delaunay triangulation of the points, kept clear of
+    the circles, replaces the triangles.
 
     Parameters
     ----------

@@ -346,11 +346,8 @@ def _smoothed(points: FloatArray, faces: IntArray, field: SizingField) -> FloatA
     moved = points.copy()
     total = np.bincount(corner, np.repeat(weights, 3), minlength=len(points))
     used = total > 0
-    sums = np.stack(
-        [
-            np.bincount(corner, np.repeat(weights * centres[:, d], 3), minlength=len(points))
-            for d in range(3)
-        ],
+    sums: FloatArray = np.stack(
+        [np.bincount(corner, np.repeat(weights * centres[:, d], 3), len(points)) for d in range(3)],
         axis=1,
     )  # (n, 3)
     moved[used] = normalised(sums[used])

@@ -1,7 +1,9 @@
 """Fold-free maps of open surfaces to the sphere (HY 2.1, 2.2)."""
 
 from ostiform.embedding.certificate import certify, population_problems
+from ostiform.embedding.conformal import conformal_holes
 from ostiform.embedding.distortion import angle_distortion, area_shares, measure_distortion
+from ostiform.embedding.embed import embed
 from ostiform.embedding.fixed_circle_tutte import (
     PlanarChart,
     arc_length_images,
@@ -25,15 +27,13 @@ from ostiform.embedding.paper import (
     paper_states,
 )
 from ostiform.embedding.seam_jump import loop_near_circle, one_sided_derivatives, seam_jump
+from ostiform.embedding.settings import EmbeddingSettings
 from ostiform.embedding.smoothing import (
     SmoothingResult,
     smoothed_where_better,
     triangle_qualities,
 )
 from ostiform.embedding.twist import measured_twists
-from ostiform.embedding.conformal import conformal_holes
-from ostiform.embedding.embed import embed
-from ostiform.embedding.settings import EmbeddingSettings
 from ostiform.embedding.types import (
     Certificate,
     Distortion,
@@ -46,6 +46,7 @@ __all__ = [
     "Certificate",
     "Distortion",
     "Embedding",
+    "EmbeddingSettings",
     "EmbeddingState",
     "HarmonicResult",
     "HarmonicStatus",
@@ -60,6 +61,8 @@ __all__ = [
     "arc_length_images",
     "area_shares",
     "certify",
+    "conformal_holes",
+    "embed",
     "fixed_circle_charts",
     "fold_explanations",
     "folds_by_circle_ratio",

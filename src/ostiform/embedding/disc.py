@@ -35,6 +35,10 @@ __all__ = [
     "tutte_disc",
 ]
 
+# Rim edges shorter than this share of the mean count as that long: very short ones would need
+# triangles as thin on the sphere, at length zero two vertices would share a point.
+LEAST_STEP = 0.02
+
 ComplexArray = NDArray[np.complex128]
 
 
@@ -78,8 +82,7 @@ class Disc:
 def arc_length_angles(vertices: FloatArray, loop: IntArray) -> FloatArray:
     """Return the arc-length angles (n,) of a loop in [0, 2 pi), zero at its first vertex."""
     steps = np.linalg.norm(vertices[np.roll(loop, -1)] - vertices[loop], axis=1)
-    # A rim edge of length zero would put two vertices on one point of the circle.
-    steps = np.maximum(steps, 1e-3 * steps.mean())
+    steps = np.maximum(steps, LEAST_STEP * steps.mean())
     angles: FloatArray = 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(steps)[:-1]]) / steps.sum()
     return angles
 

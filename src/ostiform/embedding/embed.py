@@ -88,6 +88,11 @@ def _open(
             f"{len(component.faces)} triangles folded after untangling: remesh the surface, or "
             "move its circles apart"
         )
+    if start.degree != 1:
+        raise EmbeddingError(
+            f"{component.name}: expected a start that covers the sphere once, found one that "
+            f"covers it {start.degree} times: order the circles as the openings are on the surface"
+        )
     states = list(start.states)
     if settings.method == "harmonic":
         rotations = _rotations(component, sphere, start.directions)

@@ -6,7 +6,7 @@ stretch) and the angle is blended from the rim's arc length to the identity at t
 What little folds, folds because triangles stay straight.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -21,6 +21,7 @@ from ostiform.embedding.disc import (
     tutte_disc,
 )
 from ostiform.domain import Circle
+from ostiform.surface.operators import vertex_areas
 from ostiform.surface.sphere import inverse_stereographic, stereographic
 
 __all__ = ["OpenedDisc", "opened_disc"]
@@ -31,7 +32,15 @@ CELL_SHARE = 0.9
 # Width of the layer below the border where the stretch sets in, as a share of the depth.
 SMOOTHING_SHARE = 0.4
 
-MAX_FLOW_STEPS = 120
+MAX_FLOW_STEPS = 160
+
+# A disc is spread where its middle has to be enlarged more than this.
+CROWDED = 3.0
+
+# Holes that keep kernels wider than this share of the disc's radius go straight; else one of the
+# bows is tried.
+CLEARANCE = 0.05
+BOWS = (0.7, -0.7, 1.4, -1.4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +86,7 @@ def opened_disc(disc: Disc, outer_directions: FloatArray | None = None) -> Opene
         turned = outer_directions @ frame.T
         zeta, apexes = tutte_disc(disc, np.arctan2(turned[:, 1], turned[:, 0]))
     tutte = zeta
+    zeta, apexes = _spread(disc, zeta, apexes, outer_radius)
     if outer_directions is not None and len(apexes):
         zeta, apexes = _swirled(zeta, apexes, targets, outer_radius)
     zeta, apexes = _flowed(zeta, apexes, targets, outer_radius)
@@ -102,6 +112,48 @@ def opened_disc(disc: Disc, outer_directions: FloatArray | None = None) -> Opene
     )
 
 
+def _spread(
+    disc: Disc, zeta: ComplexArray, apexes: ComplexArray, radius: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Enlarge the middle of a disc that Tutte's map has crowded most of the surface into.
+
+    Behind a tube the rest of the surface is exponentially small. A disc about its middle that
+    holds most of it is enlarged until half of the surface is in either hemisphere; from there to
+    the outer circle the logarithm of the distance is mapped linearly.
+    """
+    weights = vertex_areas(disc.vertices, disc.faces)
+    middle = complex(_weighted_median(zeta.real, weights), _weighted_median(zeta.imag, weights))
+    distance = np.abs(zeta - middle)
+    half = _weighted_median(distance, weights)
+    core = 4.0 * half
+    room = radius - abs(middle)
+    scale = min(1.0 / half, 0.7 * room / core)
+    if scale < CROWDED:
+        return zeta, apexes
+
+    def spread(points: ComplexArray) -> ComplexArray:
+        offsets = points - middle
+        away = np.maximum(np.abs(offsets), 1e-300)
+        unit = offsets / away
+        along = (np.conj(middle) * unit).real
+        border = np.sqrt(along**2 + radius**2 - abs(middle) ** 2) - along  # to the outer circle
+        share = np.clip(np.log(away / core) / np.log(border / core), 0.0, 1.0)
+        outside = scale * core * (border / (scale * core)) ** share
+        moved: ComplexArray = middle + unit * np.where(away < core, scale * away, outside)
+        return moved
+
+    on_border = zeta[disc.outer.loop]
+    spread_zeta = spread(zeta)
+    spread_zeta[disc.outer.loop] = on_border
+    return spread_zeta, spread(apexes)
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    order = np.argsort(values, kind="stable")
+    share = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
+
+
 def _swirled(
     zeta: ComplexArray, apexes: ComplexArray, targets: ComplexArray, radius: float
 ) -> tuple[ComplexArray, ComplexArray]:
@@ -121,21 +173,65 @@ def _swirled(
 def _flowed(
     zeta: ComplexArray, starts: ComplexArray, targets: ComplexArray, radius: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Carry the holes along straight lines to their targets, the rest of the disc with them."""
+    """Carry the holes along their paths to their targets, the rest of the disc with them (RK4)."""
     if not len(starts):
         return zeta, starts
-    moves = targets - starts
-    least = min(float(_widths(starts + t * moves, radius).min()) for t in np.linspace(0, 1, 9))
-    steps = int(np.clip(np.ceil(np.abs(moves).max() / (0.2 * least)), 10, MAX_FLOW_STEPS))
+    paths = _clear_paths(starts, targets, radius)
+    moves = np.abs(targets - starts) * np.sqrt(1.0 + paths.bow**2)
+    steps = int(np.clip(np.ceil(moves.max() / (0.2 * paths.clearance)), 10, MAX_FLOW_STEPS))
     moved = np.concatenate([zeta, starts])
     for step in range(steps):
         t, dt = step / steps, 1.0 / steps
-        k1 = _velocity(moved, starts + t * moves, moves, radius)
-        k2 = _velocity(moved + 0.5 * dt * k1, starts + (t + 0.5 * dt) * moves, moves, radius)
-        k3 = _velocity(moved + 0.5 * dt * k2, starts + (t + 0.5 * dt) * moves, moves, radius)
-        k4 = _velocity(moved + dt * k3, starts + (t + dt) * moves, moves, radius)
+        middle = paths.at(t + 0.5 * dt)
+        k1 = _velocity(moved, *paths.at(t), radius)
+        k2 = _velocity(moved + 0.5 * dt * k1, *middle, radius)
+        k3 = _velocity(moved + 0.5 * dt * k2, *middle, radius)
+        k4 = _velocity(moved + dt * k3, *paths.at(t + dt), radius)
         moved = moved + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     return moved[: len(zeta)], moved[len(zeta) :]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Paths:
+    """Ways of holes from start to target, bowed to the left by a share of their length.
+
+    `clearance` is the least width of a hole's kernel on the way.
+    """
+
+    starts: ComplexArray
+    targets: ComplexArray
+    bow: float
+    clearance: float = 0.0
+
+    def at(self, t: float) -> tuple[ComplexArray, ComplexArray]:
+        """Return positions and velocities at a time in [0, 1]."""
+        moves = self.targets - self.starts
+        return (
+            self.starts + moves * (t + 1j * self.bow * t * (1.0 - t)),
+            moves * (1.0 + 1j * self.bow * (1.0 - 2.0 * t)),
+        )
+
+
+def _clear_paths(starts: ComplexArray, targets: ComplexArray, radius: float) -> _Paths:
+    """Straight paths, unless holes come close on them and bows keep them further apart.
+
+    Holes that change places all pass on the left.
+    """
+    best = _with_clearance(_Paths(starts, targets, 0.0), radius)
+    if best.clearance > CLEARANCE * radius:
+        return best
+    for bow in BOWS:
+        other = _with_clearance(_Paths(starts, targets, bow), radius)
+        if other.clearance > 1.5 * best.clearance:
+            best = other
+    return best
+
+
+def _with_clearance(paths: _Paths, radius: float) -> _Paths:
+    clearance = min(
+        float(_widths(paths.at(t)[0], radius).min()) for t in np.linspace(0.0, 1.0, 33)
+    )
+    return replace(paths, clearance=clearance)
 
 
 def _widths(centers: ComplexArray, radius: float) -> FloatArray:

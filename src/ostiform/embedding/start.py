@@ -5,15 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import BoolArray, FloatArray
-from ostiform.domain import Sphere
+from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.domain import Circle, Sphere
 from ostiform.embedding.disc import pole_frame
 from ostiform.embedding.opening import opened_disc
 from ostiform.embedding.parts import part_discs
 from ostiform.embedding.pose_fit import best_turn, posed_moments
+from ostiform.embedding.rims import rims_turned
 from ostiform.embedding.types import EmbeddingState
 from ostiform.embedding.untangle import untangled
-from ostiform.surface import Component, count_flipped
+from ostiform.surface import Component, count_flipped, spherical_areas
 
 __all__ = ["StartingMap", "on_curves", "snapped", "starting_map", "state"]
 
@@ -27,12 +28,15 @@ class StartingMap:
     directions : (V, 3) float64
     folded : int
         Triangles still folded: 0 unless the untangling failed.
+    degree : int
+        How often the map covers the sphere, its holes filled: 1 for an embedding.
     states : tuple of EmbeddingState
         ``"tutte"``, ``"opened"``, ``"arc-length"``, ``"untangled"``.
     """
 
     directions: FloatArray
     folded: int
+    degree: int
     states: tuple[EmbeddingState, ...]
 
 
@@ -108,6 +112,38 @@ def starting_map(component: Component, sphere: Sphere, pose: FloatArray) -> Star
     directions = snapped(component, sphere, arc_length)
     states.append(state("arc-length", component, directions, time.process_time() - clock))
     clock = time.process_time()
-    result_ = untangled(directions, component.faces, on_curves(component))
-    states.append(state("untangled", component, result_.directions, time.process_time() - clock))
-    return StartingMap(result_.directions, result_.folded, tuple(states))
+    is_fixed = on_curves(component)
+    unfolded = untangled(directions, component.faces, is_fixed, max_rounds=4)
+    if unfolded.folded:
+        unfolded = rims_turned(
+            component.vertices,
+            component.faces,
+            snapped(component, sphere, opened),
+            _curves(component, sphere, directions),
+            is_fixed,
+        )
+    states.append(
+        state("untangled", component, unfolded.directions, time.process_time() - clock)
+    )
+    degree = _degree(component, sphere, unfolded.directions)
+    return StartingMap(unfolded.directions, unfolded.folded, degree, tuple(states))
+
+
+def _curves(
+    component: Component, sphere: Sphere, directions: FloatArray
+) -> list[tuple[Circle, IntArray, FloatArray]]:
+    """Circle, vertices and angles in a map of every rim and seam."""
+    curves = [(sphere.rims[name], rim) for name, rim in component.rims.items()]
+    curves += [(sphere.seams[seam], curve) for seam, curve in component.seams.items()]
+    return [(circle, loop, circle.angles(directions[loop])) for circle, loop in curves]
+
+
+def _degree(component: Component, sphere: Sphere, directions: FloatArray) -> int:
+    """How often the triangles and the cones over the rims cover the sphere."""
+    total = float(spherical_areas(directions, component.faces).sum())
+    for name, rim in component.rims.items():
+        fan = np.vstack([sphere.rims[name].center, directions[rim]])
+        one = 1 + np.arange(len(rim))
+        cone = np.stack([np.roll(one, -1), one, np.zeros(len(rim), dtype=np.int64)], axis=1)
+        total += float(spherical_areas(fan, cone).sum())
+    return round(total / (4.0 * np.pi))

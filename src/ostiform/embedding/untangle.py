@@ -1,7 +1,7 @@
 """Local foldover-free untangling of the few triangles that are folded (Garanzha et al. 2021).
 
 Each connected neighbourhood of folded triangles is mapped anew with its border fixed, by the
-regularised barrier energy with equal equilateral references; the neighbourhood grows when that
+regularised barrier energy with equilateral references of the local size; the neighbourhood grows when that
 fails. The paper's own untangling (HY eq. 1) is in `ostiform.embedding.maxmin`.
 """
 
@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.embedding.energy import EnergyWeights, equilateral_reference
-from ostiform.embedding.newton import map_problem, minimised
+from ostiform.embedding.newton import MapProblem, map_problem, minimised
 from ostiform.surface.sphere import exact_orientations, spherical_areas, triangle_determinants
 
 __all__ = ["Untangled", "untangled"]
@@ -25,6 +25,11 @@ UNTANGLING = EnergyWeights(0.0, 0.5, 0.5)
 # authors' later programs, which needs several times fewer steps here than that of their theorem.
 EPSILON_FLOOR = 1e-3
 EPSILON_SHARE = 0.04
+LEAST_EPSILON = 1e-10
+
+# Rings over which the size of a reference triangle is averaged, and its least share of the mean.
+SMOOTHING_RINGS = 4
+LEAST_SHARE = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +59,9 @@ def untangled(
 ) -> Untangled:
     """Unfold a map whose folds are few, moving only their neighbourhoods.
 
+    Two rounds with references of the local size (half the steps of equal ones); where they fail,
+    from the given map again with references of equal size, which stand more disorder.
+
     Parameters
     ----------
     directions : (V, 3) float64
@@ -66,6 +74,22 @@ def untangled(
         leaves folds.
     max_rounds : int
     """
+    local = _attempted(directions, faces, is_fixed, rings, min(max_rounds, 2), True)
+    if local.folded == 0 or max_rounds <= 2:
+        return local
+    equal = _attempted(directions, faces, is_fixed, rings, max_rounds, False)
+    best = equal if equal.folded <= local.folded else local
+    return Untangled(best.directions, best.folded, local.iterations + equal.iterations)
+
+
+def _attempted(
+    directions: FloatArray,
+    faces: IntArray,
+    is_fixed: BoolArray,
+    rings: int,
+    max_rounds: int,
+    has_local_size: bool,
+) -> Untangled:
     current = directions
     iterations = 0
     incidence: sparse.csr_array | None = None
@@ -76,8 +100,9 @@ def untangled(
         if incidence is None:
             incidence = _incidence(faces, len(directions))
         chosen = _grown(folded, incidence, rings * 2**number)
-        for patch in _connected(chosen, incidence):
-            current, steps = _untangled_patch(current, faces, is_fixed, incidence, patch)
+        for triangles in _connected(chosen, incidence):
+            patch = _patch(current, faces, is_fixed, incidence, triangles, has_local_size)
+            current, steps = _untangled_patch(current, patch)
             iterations += steps
         if chosen.all():
             break
@@ -116,35 +141,72 @@ def _connected(chosen: BoolArray, incidence: sparse.csr_array) -> list[IntArray]
     return np.split(members[order], np.flatnonzero(np.diff(labels[order])) + 1)
 
 
-def _untangled_patch(
+def _local_areas(directions: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the size (F,) of the triangles around each triangle, folded or not.
+
+    Mean absolute areas over a few rings: near an opened hole triangles differ by orders of
+    magnitude over a patch, but not over a few rings.
+    """
+    corners = faces.ravel()
+    uses = np.bincount(corners)
+    areas = np.abs(spherical_areas(directions, faces))
+    for _ in range(SMOOTHING_RINGS):
+        around = np.bincount(corners, np.repeat(areas, 3)) / uses
+        areas = around[faces].mean(axis=1)
+    return np.maximum(areas, LEAST_SHARE * areas.mean())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Patch:
+    """A neighbourhood to be mapped anew: its vertices in the mesh, and its own problem."""
+
+    vertices: IntArray
+    problem: MapProblem
+
+
+def _patch(
     directions: FloatArray,
     faces: IntArray,
     is_fixed: BoolArray,
     incidence: sparse.csr_array,
-    patch: IntArray,
-    max_outer: int = 30,
-) -> tuple[FloatArray, int]:
-    vertices, local = np.unique(faces[patch], return_inverse=True)
+    triangles: IntArray,
+    has_local_size: bool,
+) -> _Patch:
+    vertices, local = np.unique(faces[triangles], return_inverse=True)
     local = local.reshape(-1, 3).astype(np.int64)
     inside = np.bincount(local.ravel(), minlength=len(vertices))
-    around = np.diff(incidence.tocsc().indptr)[vertices]
+    around = np.bincount(incidence.indices, minlength=len(directions))[vertices]
     fixed = is_fixed[vertices] | (inside < around)
-    start = np.ascontiguousarray(directions[vertices])
-    area = float(spherical_areas(start, local).sum())
-    reference = equilateral_reference(len(patch), max(area, 1e-12))
-    problem = map_problem(local, reference, fixed)
+    if has_local_size:
+        areas = _local_areas(directions[vertices], local)
+    else:
+        total = float(spherical_areas(directions[vertices], local).sum())
+        areas = np.full(len(local), max(total, 1e-12) / len(local))
+    return _Patch(vertices, map_problem(local, equilateral_reference(areas), fixed))
+
+
+def _untangled_patch(
+    directions: FloatArray, patch: _Patch, max_outer: int = 30
+) -> tuple[FloatArray, int]:
+    """Return the map with a patch untangled as far as possible, and the Newton steps taken."""
+    problem = patch.problem
+    start = np.ascontiguousarray(directions[patch.vertices])
     if problem.n_dofs == 0:
         return directions, 0
-    least = float((triangle_determinants(start, local) / (2.0 * reference.areas)).min())
-    factorization = None
+    ratios = triangle_determinants(start, problem.faces) / (2.0 * problem.reference.areas)
+    least = float(ratios.min())
     steps = 0
+    floor = EPSILON_FLOOR
     for _ in range(max_outer):
-        epsilon = float(np.sqrt(EPSILON_FLOOR**2 + EPSILON_SHARE * min(least, 0.0) ** 2))
-        result = minimised(problem, start, UNTANGLING, epsilon, 10, 1e-4, None, factorization)
+        epsilon = float(np.sqrt(floor**2 + EPSILON_SHARE * min(least, 0.0) ** 2))
+        result = minimised(problem, start, UNTANGLING, epsilon, 10, 1e-4)
         steps += result.iterations
+        # a fold smaller than epsilon costs nothing: ask for less where it does not go away
+        if result.least_ratio < 0.5 * least or result.iterations == 0:
+            floor = max(0.1 * floor, LEAST_EPSILON)
         start, least = result.directions, result.least_ratio
-        if least > 0.0 or result.iterations == 0:
+        if least > 0.0:
             break
     moved = directions.copy()
-    moved[vertices] = start
+    moved[patch.vertices] = start
     return moved, steps

@@ -1,5 +1,11 @@
 """The evidence that a model is good: how compact, general, specific and true it is."""
 
+from ostiform.evaluation.clinical import (
+    VolumeCurve,
+    enclosed_volumes,
+    part_volumes,
+    volume_curves,
+)
 from ostiform.evaluation.compactness import Compactness, model_compactness
 from ostiform.evaluation.comparison import (
     PAPER_GAINS,
@@ -34,6 +40,11 @@ from ostiform.evaluation.generalisation import (
     fold_residues,
     shape_residues,
 )
+from ostiform.evaluation.jackknife import (
+    GainInterval,
+    cumulative_variance_error,
+    gain_interval,
+)
 from ostiform.evaluation.specificity import Specificity, model_specificity
 from ostiform.evaluation.truth import MaterialMap, TruthDistance, distance_to_truth
 from ostiform.evaluation.types import Evaluation
@@ -50,6 +61,7 @@ __all__ = [
     "Fold",
     "FoldResidues",
     "Folds",
+    "GainInterval",
     "Generalisation",
     "LevelResidues",
     "MaterialMap",
@@ -61,23 +73,29 @@ __all__ = [
     "Specificity",
     "SurfaceDistance",
     "TruthDistance",
+    "VolumeCurve",
     "compare",
     "comparison_facts",
     "cross_validated",
     "cross_validation_folds",
+    "cumulative_variance_error",
     "distance_to_truth",
+    "enclosed_volumes",
     "evaluate_model",
     "evaluation_facts",
     "evaluation_from_facts",
     "fold_residues",
+    "gain_interval",
     "level_residues",
     "model_compactness",
     "model_specificity",
     "paired_difference",
+    "part_volumes",
     "read_evaluation",
     "shape_coverage",
     "shape_residues",
     "surface_distances",
+    "volume_curves",
     "write_comparisons",
     "write_evaluation",
 ]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ostiform.errors import InputError
+from ostiform.execution import Workers
 from ostiform.pipeline.correspond import Corresponded, correspond_shapes
 from ostiform.pipeline.embed import Embedded, embed_shapes
 from ostiform.pipeline.evaluate import evaluate_models
@@ -97,7 +98,11 @@ def build_study(
     study = read_study(study_path)
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: expected a folder for the results, found a file")
-    run = Run(study, Store(output), workers, watch)
+    with Workers(workers) as pool:
+        return _staged(Run(study, Store(output), pool, watch), until)
+
+
+def _staged(run: Run, until: Stage) -> Summary:
     clock = _Clock({})
     failures: list[Failure] = []
     try:
@@ -120,8 +125,8 @@ def build_study(
             "report",
             lambda: report_run(run, prepared, embedded, corresponded, failures, clock.seconds),
         )
-        watch(Note(f"report: {output / 'report.html'}"))
-    return Summary(output, len(study.entries), tuple(failures), clock.seconds)
+        run.tell(Note(f"report: {run.store.path('report.html')}"))
+    return Summary(run.store.root, len(run.study.entries), tuple(failures), clock.seconds)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from ostiform.correspondence import (
     sampler,
 )
 from ostiform.domain import BaseDomain
+from ostiform.errors import InputError
 from ostiform.model import write_correspondence
 from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.embed import Embedded, embedding_artifact
@@ -55,7 +56,18 @@ class Corresponded:
 
 
 def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corresponded:
-    """Bring the embedded shapes into correspondence, three times."""
+    """Bring the embedded shapes into correspondence, three times.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two shapes.
+    """
+    if len(embedded.ready) < 2:
+        raise InputError(
+            f"correspondence: expected at least 2 usable shapes, found {len(embedded.ready)}; "
+            "mend the shapes left out or add shapes (`ostiform embed` maps a single one)"
+        )
     settings = correspondence_settings(run.study)
     key = key_of("correspondence", [shape.key for shape in embedded.ready], asdict(settings))
     artifacts = [f"{kind}/correspondence.h5" for kind in KINDS]

@@ -6,7 +6,6 @@ and ``comparison.json``.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from ostiform.correspondence import (
     KINDS,
     Correspondence,
     CorrespondenceSettings,
+    Kind,
     build_yardstick,
     correspond,
     place,
@@ -26,6 +26,7 @@ from ostiform.evaluation import (
     Evaluation,
     Fold,
     FoldResidues,
+    Generalisation,
     OriginalMesh,
     PlacedFold,
     Residues,
@@ -39,7 +40,6 @@ from ostiform.evaluation import (
     write_comparisons,
     write_evaluation,
 )
-from ostiform.execution import each
 from ostiform.model import mesh_of_template, read_correspondence, read_model
 from ostiform.pipeline.arrays_file import read_embeddings, read_shape
 from ostiform.pipeline.correspond import Corresponded, correspondence_settings
@@ -48,6 +48,7 @@ from ostiform.pipeline.events import Note, Progress
 from ostiform.pipeline.prepare import Prepared, shape_artifact
 from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
+from ostiform.study import Study
 from ostiform.study.truth import material_coordinates, read_truth, true_positions
 
 __all__ = ["evaluate_models", "original_mesh"]
@@ -70,27 +71,20 @@ def evaluate_models(
     if all(run.store.is_current(name, key) for name in artifacts):
         return
     residues = _left_out(run, prepared, embedded, corresponded)
-    originals = [original_mesh(run.store, shape) for shape in embedded.ready]
-    initial = read_correspondence(run.store.path("conformal/correspondence.h5"))
-    evaluations: list[Evaluation] = []
-    for kind in KINDS:
-        correspondence = read_correspondence(run.store.path(f"{kind}/correspondence.h5"))
-        evaluations.append(
-            evaluate_model(
-                kind,
-                read_model(run.store.path(f"{kind}/model.h5")).model,
-                (correspondence, initial),
-                originals,
-                corresponded.l_cut,
-                run.study.settings.seed,
-                residues.get(kind),
-                _truth_distance(run, correspondence),
-            )
+    tasks = [
+        _KindTask(
+            run.store, run.study, kind, embedded.ready, corresponded.l_cut, residues.get(kind)
         )
-        with run.store.writing(f"{kind}/evaluation.json", key) as path:
-            write_evaluation(path, evaluations[-1])
-    optimal = evaluations[-1]
-    comparisons = [compare(optimal, other) for other in evaluations[:-1]]
+        for kind in KINDS
+    ]
+    found: dict[int, Evaluation] = {}
+    for outcome in run.workers.each(_evaluated, tasks):
+        found[outcome.index] = outcome.result
+    evaluations = [found[index] for index in range(len(KINDS))]
+    for evaluation in evaluations:
+        with run.store.writing(f"{evaluation.kind}/evaluation.json", key) as path:
+            write_evaluation(path, evaluation)
+    comparisons = [compare(evaluations[-1], other) for other in evaluations[:-1]]
     with run.store.writing(COMPARISON, key) as path:
         write_comparisons(path, comparisons)
 
@@ -120,7 +114,7 @@ class _FoldTask:
 
 def _left_out(
     run: Run, prepared: Prepared, embedded: Embedded, corresponded: Corresponded
-) -> Mapping[str, Any]:
+) -> Mapping[str, Generalisation]:
     shapes = embedded.ready
     if len(shapes) < FEWEST_SHAPES:
         run.tell(Note(f"generalisation: not measured, {len(shapes)} shapes are too few"))
@@ -143,7 +137,7 @@ def _left_out(
     ]
     results: list[FoldResidues | None] = [None] * len(tasks)
     run.tell(Progress("evaluate", 0, len(tasks)))
-    for done, outcome in enumerate(each(_fold, tasks, run.workers), start=1):
+    for done, outcome in enumerate(run.workers.each(_fold, tasks), start=1):
         results[outcome.index] = outcome.result
         run.tell(Progress("evaluate", done, len(tasks), tasks[outcome.index].fold.label))
     return cross_validated(folds, [item for item in results if item is not None], mode_counts)
@@ -188,7 +182,10 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
         transforms: dict[int, FloatArray] = {}
         for group in groups:
             result = place(
-                [samplers[index] for index in group], model, jointly=task.settings.per == "subject"
+                [samplers[index] for index in group],
+                model,
+                jointly=task.settings.per == "subject",
+                transform=_known_transform(task, group, model.correspondence),
             )
             points.update(zip(group, result.points, strict=True))
             transforms.update(zip(group, result.transforms, strict=True))
@@ -202,6 +199,19 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
     return placed
 
 
+def _known_transform(
+    task: _FoldTask, group: Sequence[int], training: Correspondence
+) -> FloatArray | None:
+    """Return the transform of a subject that has other phases in the training set."""
+    subject = task.shapes[group[0]].id.subject
+    if task.settings.per == "subject":
+        for index, shape in enumerate(training.ids):
+            if shape.subject == subject:
+                transform: FloatArray = training.transforms[index]
+                return transform
+    return None
+
+
 def _groups(task: _FoldTask, test: Sequence[int]) -> list[list[int]]:
     """Return the left-out shapes subject by subject."""
     subjects = list(dict.fromkeys(task.shapes[index].id.subject for index in test))
@@ -211,11 +221,35 @@ def _groups(task: _FoldTask, test: Sequence[int]) -> list[list[int]]:
     ]
 
 
-def _truth_distance(run: Run, correspondence: Correspondence) -> TruthDistance | None:
-    stated = run.study.settings.evaluation.truth
+@dataclass(frozen=True, slots=True, eq=False)
+class _KindTask:
+    store: Store
+    study: Study
+    kind: Kind
+    shapes: tuple[Ready, ...]
+    l_cut: float
+    generalisation: Generalisation | None
+
+
+def _evaluated(task: _KindTask) -> Evaluation:
+    correspondence = read_correspondence(task.store.path(f"{task.kind}/correspondence.h5"))
+    return evaluate_model(
+        task.kind,
+        read_model(task.store.path(f"{task.kind}/model.h5")).model,
+        (correspondence, read_correspondence(task.store.path("conformal/correspondence.h5"))),
+        [original_mesh(task.store, shape) for shape in task.shapes],
+        task.l_cut,
+        task.study.settings.seed,
+        task.generalisation,
+        _truth_distance(task.study, correspondence),
+    )
+
+
+def _truth_distance(study: Study, correspondence: Correspondence) -> TruthDistance | None:
+    stated = study.settings.evaluation.truth
     if stated is None:
         return None
-    truth = read_truth(run.study.path.parent / stated)
+    truth = read_truth(study.path.parent / stated)
     return distance_to_truth(
         correspondence,
         lambda shape, part, points: material_coordinates(truth, shape, part, points),

@@ -27,14 +27,13 @@ from ostiform.errors import InputError
 from ostiform.pipeline.arrays_file import read_shape as read_stored_shape
 from ostiform.pipeline.arrays_file import write_shape
 from ostiform.pipeline.events import Warn
+from ostiform.pipeline.naming import name_shapes, reading_inputs
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
-from ostiform.pipeline.store import Store, file_hash, key_of, slug
-from ostiform.study import Shape, ShapeEntry, Study, read_shape
+from ostiform.pipeline.store import Store, key_of, slug
+from ostiform.study import Shape, ShapeEntry, ShapeNames, Study, read_shape
 from ostiform.surface import Component, cleaned_for_embedding, welded_components
 
 __all__ = ["Prepared", "prepare_shapes", "prepared_components", "shape_artifact"]
-
-READING_SETTINGS = {"repair", "units", "frame", "parts", "seams", "shapes", "ostia", "welding"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,10 +64,10 @@ class Prepared:
 
 def prepare_shapes(run: Run) -> Prepared:
     """Read every shape, bring the population into one pose and lay out its base domain."""
-    entries = run.study.entries
-    ids = [entry.id for entry in entries]
-    tasks = [_ReadTask(run.study, entry, run.store) for entry in entries]
-    found, failures = over_shapes(run, "read", _read, tasks, ids)
+    named = name_shapes(run)
+    entries = [entry for entry in run.study.entries if entry.id in named.names]
+    tasks = [_ReadTask(run.study, entry, named.names[entry.id], run.store) for entry in entries]
+    found, failures = over_shapes(run, "read", _read, tasks, [entry.id for entry in entries])
     repairs = {item.ready.name: item.repairs for item in found if item and item.repairs}
     ready = survivors(item.ready if item else None for item in found)
     settings = run.study.settings
@@ -84,7 +83,7 @@ def prepare_shapes(run: Run) -> Prepared:
     if not run.store.is_current("domain.json", domain_key):
         run.store.write_json("domain.json", domain_key, domain_to_json(_domain(run, ready, poses)))
     domain = domain_from_json(run.store.read_json("domain.json"))
-    return Prepared(ready, repairs, poses, domain, domain_key, tuple(failures))
+    return Prepared(ready, repairs, poses, domain, domain_key, (*named.failures, *failures))
 
 
 def prepared_components(shape: Shape) -> tuple[tuple[Component, ...], tuple[str, ...]]:
@@ -105,6 +104,7 @@ def shape_artifact(name: str) -> str:
 class _ReadTask:
     study: Study
     entry: ShapeEntry
+    names: ShapeNames
     store: Store
 
 
@@ -116,30 +116,21 @@ class _Read:
 
 def _read(task: _ReadTask) -> _Read:
     name = slug(task.entry.id)
-    settings = task.study.settings.model_dump(mode="json", include=READING_SETTINGS)
-    identity = [task.entry.id.subject, task.entry.id.phase, task.entry.id.time]
-    hashes = {part: _hash(task.entry, part) for part in task.entry.files}
-    key = key_of("shape", identity, hashes, settings)
+    names = [
+        {part: dict(loops) for part, loops in task.names.names.items()},
+        dict(task.names.closed),
+        task.names.notes,
+    ]
+    key = key_of("shape", reading_inputs(task.study, task.entry), names)
     artifact = shape_artifact(name)
     if task.store.is_current(artifact, key):
         shape = read_stored_shape(task.store.path(artifact))
     else:
-        shape = read_shape(task.study, task.entry)
+        shape = read_shape(task.study, task.entry, task.names)
         prepared_components(shape)  # a topology that cannot be mapped is refused here
         with task.store.writing(artifact, key) as path:
             write_shape(path, shape)
     return _Read(Ready(task.entry.id, name, key), shape.repairs)
-
-
-def _hash(entry: ShapeEntry, part: str) -> str:
-    path = entry.files[part]
-    try:
-        return file_hash(path)
-    except OSError as error:
-        raise InputError(
-            f"{entry.id}: expected to read {path} for part {part}, found that "
-            f"{error.strerror or error}; check the file"
-        ) from error
 
 
 def _poses(run: Run, ready: Sequence[Ready]) -> FloatArray:

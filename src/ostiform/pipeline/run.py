@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from ostiform.errors import OstiformError
-from ostiform.execution import each
+from ostiform.execution import Workers
 from ostiform.pipeline.events import Progress, Tell, Warn
 from ostiform.pipeline.store import Store
 from ostiform.study import ShapeId, Study
@@ -24,15 +24,14 @@ class Run:
     ----------
     study : Study
     store : Store
-    workers : int
-        Processes.
+    workers : Workers
     tell : callable
         Takes the events of the run.
     """
 
     study: Study
     store: Store
-    workers: int
+    workers: Workers
     tell: Tell
 
 
@@ -97,7 +96,7 @@ def over_shapes(
     results: list[Result | None] = [None] * len(items)
     failures = []
     run.tell(Progress(stage, 0, len(items)))
-    for done, outcome in enumerate(each(function, items, run.workers), start=1):
+    for done, outcome in enumerate(run.workers.each(function, items), start=1):
         shape = ids[outcome.index]
         if outcome.error is None:
             results[outcome.index] = outcome.value
@@ -110,18 +109,18 @@ def over_shapes(
     return results, sorted(failures, key=lambda failure: list(ids).index(failure.id))
 
 
-def survivors(ready: Iterable[Ready | None], needed: int = 2) -> tuple[Ready, ...]:
+def survivors(ready: Iterable[Ready | None]) -> tuple[Ready, ...]:
     """Return the shapes that did not fail.
 
     Raises
     ------
     OstiformError
-        If fewer than `needed` are left.
+        If none is left.
     """
     kept = tuple(shape for shape in ready if shape is not None)
-    if len(kept) < needed:
+    if not kept:
         raise OstiformError(
-            f"expected at least {needed} usable shapes, found {len(kept)}; "
+            "expected at least 1 usable shape, found none; "
             "mend the shapes named above and run again"
         )
     return kept

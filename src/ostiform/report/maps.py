@@ -5,15 +5,33 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.report.style import FLIPPED, PART_COLOURS, figure, styled
+from ostiform.report.raster import rasterised
+from ostiform.report.shading import draw_raster
+from ostiform.report.style import (
+    FLIPPED,
+    PART_COLOURS,
+    PRINT_DPI,
+    figure,
+    grid_of_panels,
+    styled,
+)
 
 __all__ = ["MapPanel", "distortion_figure", "map_figure"]
 
 WIDEST = 3.0  # radius of the disc shown, times the 98 % radius of the opening's neighbourhood
+PANEL_MM = 40.0
+TITLE_MM = 11.0
+EDGE_PIXELS = 1.1
+UPRIGHT = "#EEF3F6"
+UPRIGHT_EDGE = "#6A7B88"
+FLIPPED_EDGE = "#7A2E00"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,18 +69,23 @@ def map_figure(panels: Sequence[MapPanel], zoom: FloatArray | None = None) -> Fi
         Centre and radius of a disc of the plane to draw in a second row, as the paper does
         around the boundaries.
     """
+    rows = 1 if zoom is None else 2
     with styled():
-        rows = 1 if zoom is None else 2
-        drawing = figure(48.0 * len(panels), 56.0 * rows)
-        grid = drawing.subplots(rows, len(panels), squeeze=False)
+        drawing = figure(PANEL_MM * len(panels), PANEL_MM * rows + TITLE_MM, layout="none")
+        grid = grid_of_panels(drawing, rows, len(panels), PANEL_MM, PANEL_MM, TITLE_MM)
         for column, panel in enumerate(panels):
-            _draw_map(grid[0, column], panel)
+            reach = _reach(panel)
+            _draw_map(grid[0][column], panel, np.array([-reach, reach, -reach, reach]))
             flips = int(panel.flipped.sum())
-            grid[0, column].set_title(f"{panel.title}\n{flips} of {len(panel.faces)} turned over")
+            grid[0][column].set_title(
+                f"{panel.title}\n{flips} of {len(panel.faces)} turned over", pad=3.0
+            )
             if zoom is not None:
-                _draw_map(grid[1, column], panel)
-                grid[1, column].set_xlim(zoom[0] - zoom[2], zoom[0] + zoom[2])
-                grid[1, column].set_ylim(zoom[1] - zoom[2], zoom[1] + zoom[2])
+                x, y, radius = zoom
+                window = np.array([x - radius, x + radius, y - radius, y + radius])
+                _draw_map(grid[1][column], panel, window)
+                _frame(grid[0][column], window, linestyle="--")
+                _frame(grid[1][column], window, linestyle="-")
     return drawing
 
 
@@ -81,49 +104,65 @@ def distortion_figure(
         Component names.
     """
     with styled():
-        drawing = figure(150.0, 60.0)
+        drawing = figure(170.0, 62.0)
         left, right = drawing.subplots(1, 2)
+        edges = np.histogram_bin_edges(np.concatenate([*angle]), bins=12)
+        start = 0
         for index, label in enumerate(labels):
             colour = PART_COLOURS[index % len(PART_COLOURS)]
-            left.hist(angle[index], bins=12, color=colour, alpha=0.7, label=label)
-            order = np.arange(len(area[index]))
-            right.vlines(order, area[index][:, 0], area[index][:, 1], color=colour, label=label)
-        left.set_xlabel("angle distortion of a shape (median $\\sigma_1/\\sigma_2$)")
-        left.set_ylabel("shapes")
+            left.hist(angle[index], bins=edges.tolist(), color=colour, alpha=0.7, label=label)
+            order = start + np.arange(1, len(area[index]) + 1)
+            right.vlines(order, area[index][:, 0], area[index][:, 1], color=colour, linewidth=2.0)
+            start += len(area[index])
+        left.set_title("Angles")
+        left.set_xlabel("median $\\sigma_1/\\sigma_2$ of a map")
+        left.set_ylabel("maps")
+        left.yaxis.set_major_locator(MaxNLocator(integer=True))
+        right.set_title("Areas")
         right.set_yscale("log")
-        right.set_xlabel("shape")
-        right.set_ylabel("area share, 1 % to 99 %")
-        left.legend()
+        right.axhline(1.0, color="#54626f", linewidth=0.8)
+        right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        right.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        right.yaxis.set_minor_formatter(NullFormatter())
+        right.set_xlabel("map, in the order of the study")
+        right.set_ylabel("area share against the mean,\n1 % to 99 % of the triangles")
+        if len(labels) > 1:
+            drawing.legend(loc="outside upper center", ncols=len(labels))
     return drawing
 
 
-def _draw_map(axes: Axes, panel: MapPanel) -> None:
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    corners = panel.points[panel.faces]  # (F, 3, 2)
-    axes.add_collection(
-        PolyCollection(
-            list(corners[~panel.flipped]),
-            facecolors="#E8EEF2",
-            edgecolors="#5A6B78",
-            linewidths=0.15,
-            rasterized=True,
-        )
+def _draw_map(axes: Axes, panel: MapPanel, window: FloatArray) -> None:
+    size = round(PANEL_MM / 25.4 * PRINT_DPI)
+    corners = np.zeros((len(panel.faces), 3, 3))
+    corners[:, :, :2] = panel.points[panel.faces]
+    corners[panel.flipped, :, 2] = 1.0  # in front of what they cover
+    fill = np.where(panel.flipped[:, None], to_rgb(FLIPPED), to_rgb(UPRIGHT))  # (F, 3)
+    edges = np.where(panel.flipped[:, None], to_rgb(FLIPPED_EDGE), to_rgb(UPRIGHT_EDGE))
+    picture = rasterised(
+        corners, np.repeat(fill[:, None, :], 3, axis=1), window, (size, size), edges, EDGE_PIXELS
     )
-    axes.add_collection(
-        PolyCollection(
-            list(corners[panel.flipped]),
-            facecolors=FLIPPED,
-            edgecolors="#7A2E00",
-            linewidths=0.15,
-            rasterized=True,
-        )
-    )
+    draw_raster(axes, picture)
     loops = [panel.points[np.append(curve, curve[0])] for curve in panel.curves]
     axes.add_collection(LineCollection(loops, colors="#0072B2", linewidths=1.0))
     if len(panel.controls):
-        axes.scatter(panel.controls[:, 0], panel.controls[:, 1], s=12, color="#000000", zorder=3)
+        axes.scatter(panel.controls[:, 0], panel.controls[:, 1], s=5, color="#000000", zorder=3)
+
+
+def _reach(panel: MapPanel) -> float:
     extent = np.abs(panel.points[np.isfinite(panel.points).all(axis=1)])
-    reach = WIDEST if not extent.size else min(WIDEST, 1.05 * float(extent.max()))
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(-reach, reach)
+    return WIDEST if not extent.size else min(WIDEST, 1.05 * float(extent.max()))
+
+
+def _frame(axes: Axes, window: FloatArray, linestyle: str) -> None:
+    left, right, bottom, top = window
+    axes.add_patch(
+        Rectangle(
+            (left, bottom),
+            right - left,
+            top - bottom,
+            fill=False,
+            edgecolor="#1b2733",
+            linewidth=0.8,
+            linestyle=linestyle,
+        )
+    )

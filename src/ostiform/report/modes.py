@@ -5,10 +5,21 @@ from matplotlib.figure import Figure
 
 from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
-from ostiform.report.shading import View, draw_curves, draw_surface, two_views
-from ostiform.report.style import PART_COLOURS, figure, styled
+from ostiform.report.shading import (
+    View,
+    draw_raster,
+    draw_visible_curves,
+    shaded_surface,
+    two_views,
+)
+from ostiform.report.style import PRINT_DPI, figure, grid_of_panels, part_colours, styled
 
 __all__ = ["model_views", "modes_figure"]
+
+PANEL_MM = 36.0
+TITLE_MM = 6.0
+TALLEST = 1.6
+"""Height of a panel against its width, at most."""
 
 
 def model_views(model: ShapeModel) -> tuple[View, View]:
@@ -41,49 +52,52 @@ def modes_figure(
         In standard deviations.
     """
     views = model_views(model)
-    colours = _face_colours(model)
+    colours = part_colours(model.mesh.face_part)
     scale = float(np.sqrt(model.variances[mode]))
     shapes = [model.mean + sd * scale * model.modes[mode] for sd in deviations]
-    extents = [_extent(view, shapes) for view in views]
+    extents = _extents(views, shapes)
+    sides = extents[:, 1::2] - extents[:, ::2]  # (views, 2): all panels have the same scale
+    height = PANEL_MM * float(sides[0, 1] / sides[0, 0])
     with styled():
-        drawing = figure(36.0 * len(deviations), 92.0)
-        grid = drawing.subplots(len(views), len(deviations), squeeze=False)
+        drawing = figure(PANEL_MM * len(deviations), 2 * height + TITLE_MM, layout="none")
+        grid = grid_of_panels(drawing, len(views), len(deviations), PANEL_MM, height, TITLE_MM)
+        size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
         for row, view in enumerate(views):
             for column, (sd, points) in enumerate(zip(deviations, shapes, strict=True)):
-                axes = grid[row, column]
-                draw_surface(axes, view, points, model.mesh.faces, colours)
+                axes = grid[row][column]
+                faces = model.mesh.faces
+                picture = shaded_surface(view, points, faces, colours, extents[row], size)
+                draw_raster(axes, picture)
                 loops = [points[loop] for loop in model.mesh.loops.values()]
-                draw_curves(axes, view, loops, "#222222", width=0.7)
-                axes.set_xlim(extents[row][0], extents[row][1])
-                axes.set_ylim(extents[row][2], extents[row][3])
+                draw_visible_curves(axes, picture, view, loops, "#1b2733")
                 if row == 0:
-                    axes.set_title("mean" if sd == 0 else f"{sd:+g} sd")
+                    axes.set_title("mean" if sd == 0 else f"{_signed(sd)} sd", pad=2.0)
     return drawing
+
+
+def _signed(value: float) -> str:
+    return f"{value:+g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _parts(model: ShapeModel) -> list[int]:
     return [i for i in range(len(model.mesh.parts)) if (model.mesh.part == i).any()]
 
 
-def _face_colours(model: ShapeModel) -> FloatArray:
-    palette = np.array(
-        [[int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)] for colour in PART_COLOURS]
-    )
-    chosen: FloatArray = palette[model.mesh.face_part % len(palette)]
-    return chosen
-
-
 def _perimeter(loop: FloatArray) -> float:
     return float(np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1).sum())
 
 
-def _extent(view: View, shapes: list[FloatArray]) -> tuple[float, float, float, float]:
-    seen = np.vstack([view.seen(points)[:, :2] for points in shapes])
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    margin = 0.03 * float((high - low).max())
-    return (
-        float(low[0]) - margin,
-        float(high[0]) + margin,
-        float(low[1]) - margin,
-        float(high[1]) + margin,
-    )
+def _extents(views: tuple[View, ...], shapes: list[FloatArray]) -> FloatArray:
+    """Return left, right, bottom, top (views, 4) of equal size that hold all shapes."""
+    boxes = []
+    for view in views:
+        seen = np.vstack([view.seen(points)[:, :2] for points in shapes])
+        boxes.append([seen.min(axis=0), seen.max(axis=0)])
+    low, high = np.moveaxis(np.array(boxes), 1, 0)  # each (views, 2)
+    half = 0.53 * (high - low).max(axis=0)  # 3 % of margin on each side
+    half[1] = max(half[1], 0.6 * half[0])
+    half[0] = max(half[0], half[1] / TALLEST)
+    centre = 0.5 * (low + high)
+    edges = np.stack([centre - half, centre + half], axis=2)  # (views, 2 axes, 2 ends)
+    flat: FloatArray = edges.reshape(len(views), 4)
+    return flat

@@ -1,23 +1,27 @@
-"""Shaded pictures of triangulated surfaces, drawn by Matplotlib alone.
+"""Shaded pictures of triangulated surfaces, from an orthographic view."""
 
-Triangles are sorted by depth and shaded by their normals (painter's algorithm, orthographic). It
-needs no display, no OpenGL and no native renderer, so it works on any server, and it is exact
-enough for closed, finely triangulated surfaces.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.report.raster import Raster, rasterised
 
-__all__ = ["View", "draw_curves", "draw_surface", "two_views"]
+__all__ = ["View", "draw_raster", "draw_visible_curves", "shaded_surface", "two_views"]
 
-AMBIENT = 0.35
-LIGHT = np.array([0.3, 0.5, 0.8])  # in view coordinates: right, up, towards the eye
+AMBIENT = 0.42
+INSIDE = 0.55
+"""Brightness of the inside of a surface, seen through an opening, against the outside."""
+
+LIGHT = np.array([-0.35, 0.5, 0.8])  # in view coordinates: right, up, towards the eye
 SMALLEST_NORM = 1e-300
+
+ON_SURFACE = 0.012
+"""A curve on the surface counts as hidden beyond this share of the picture's larger side: about
+the edge of a triangle, the most that a pixel beside a curve lies off it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,63 +68,70 @@ def two_views(points: FloatArray, upward: FloatArray) -> tuple[View, View]:
     )
 
 
-def draw_surface(
-    axes: Axes,
+def shaded_surface(
     view: View,
     vertices: FloatArray,
     faces: IntArray,
     colours: FloatArray,
-    alpha: float = 1.0,
-) -> None:
-    """Draw a shaded surface.
+    extent: FloatArray,
+    size: tuple[int, int],
+) -> Raster:
+    """Return a shaded picture of a surface.
 
     Parameters
     ----------
-    axes : matplotlib Axes
     view : View
     vertices : (V, 3) float64
     faces : (F, 3) int64
+        Counter-clockwise seen from outside.
     colours : (F, 3) float64
         Red, green, blue in [0, 1] of every triangle.
-    alpha : float
-        Opacity.
+    extent : (4,) float64
+        Left, right, bottom, top in view coordinates.
+    size : (int, int)
+        Width and height in pixels.
     """
     seen = view.seen(vertices)
     corners = seen[faces]  # (F, 3 corners, 3)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    spanned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # (F, 3)
+    normals = np.zeros_like(seen)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], spanned)
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1), SMALLEST_NORM)[:, None]
-    # The inside, seen through an opening, is lit from behind and a little darker.
-    inside = normals[:, 2] < 0
-    normals = np.where(inside[:, None], -normals, normals)
     light = LIGHT / np.linalg.norm(LIGHT)
-    brightness = AMBIENT + (1.0 - AMBIENT) * np.clip(normals @ light, 0.0, 1.0)
-    brightness = np.where(inside, 0.6 * brightness, brightness)
-    order = np.argsort(corners[:, :, 2].mean(axis=1))
-    shaded = np.clip(colours * brightness[:, None], 0.0, 1.0)[order]
-    triangles = PolyCollection(
-        list(corners[order][:, :, :2]),
-        facecolors=shaded,
-        edgecolors=shaded,
-        linewidths=0.2,
-        alpha=alpha,
-        rasterized=True,
-    )
-    axes.add_collection(triangles)
-    _frame(axes, seen)
+    inside = spanned[:, 2] < 0  # (F,)
+    towards = (normals @ light)[faces] * np.where(inside, -1.0, 1.0)[:, None]  # (F, 3 corners)
+    brightness = AMBIENT + (1.0 - AMBIENT) * np.clip(towards, 0.0, 1.0)
+    brightness = np.where(inside[:, None], INSIDE * brightness, brightness)
+    return rasterised(corners, colours[:, None, :] * brightness[:, :, None], extent, size)
 
 
-def draw_curves(
-    axes: Axes, view: View, curves: list[FloatArray], colour: str, width: float = 1.2
-) -> None:
-    """Draw closed curves, each (n, 3), on top of what is there."""
-    seen = [view.seen(np.vstack([curve, curve[:1]]))[:, :2] for curve in curves]
-    axes.add_collection(LineCollection(seen, colors=colour, linewidths=width))
-
-
-def _frame(axes: Axes, seen: FloatArray) -> None:
-    axes.set_aspect("equal")
+def draw_raster(axes: Axes, picture: Raster) -> None:
+    """Put a picture into empty axes of its proportions."""
     axes.set_axis_off()
-    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
-    margin = 0.03 * (high - low).max()
-    axes.set_xlim(low[0] - margin, high[0] + margin)
-    axes.set_ylim(low[1] - margin, high[1] + margin)
+    left, right, bottom, top = picture.extent
+    axes.imshow(
+        picture.image, extent=(left, right, bottom, top), interpolation="none", aspect="equal"
+    )
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+
+
+def draw_visible_curves(
+    axes: Axes,
+    picture: Raster,
+    view: View,
+    curves: Sequence[FloatArray],
+    colour: str,
+    width: float = 0.8,
+) -> None:
+    """Draw what can be seen of closed curves on a surface, each (n, 3)."""
+    left, right, bottom, top = picture.extent
+    tolerance = ON_SURFACE * max(right - left, top - bottom)
+    pieces = []
+    for curve in curves:
+        seen = view.seen(np.vstack([curve, curve[:1]]))  # (n + 1, 3)
+        middle = 0.5 * (seen[1:] + seen[:-1])
+        shown = picture.sees(middle, tolerance)
+        pieces += list(np.stack([seen[:-1, :2], seen[1:, :2]], axis=1)[shown])
+    axes.add_collection(LineCollection(pieces, colors=colour, linewidths=width, capstyle="round"))

@@ -5,9 +5,27 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "FLIPPED", "KIND_NAMES", "PART_COLOURS", "figure", "styled"]
+from ostiform.arrays import FloatArray, IntArray
+
+__all__ = [
+    "COLOURS",
+    "FLIPPED",
+    "KIND_NAMES",
+    "PART_COLOURS",
+    "PRINT_DPI",
+    "figure",
+    "grid_of_panels",
+    "part_colours",
+    "styled",
+]
+
+PRINT_DPI: Final = 300
+"""Resolution of everything that is drawn as pixels."""
 
 # Okabe & Ito (2008), distinguishable with any common colour-vision deficiency.
 COLOURS: Final = {
@@ -46,6 +64,42 @@ def styled() -> Iterator[None]:
         yield
 
 
-def figure(width_mm: float, height_mm: float) -> Figure:
+def figure(width_mm: float, height_mm: float, layout: str = "constrained") -> Figure:
     """Return an empty figure of a print size, drawn without any window system."""
-    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout="constrained")
+    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout=layout)
+
+
+def grid_of_panels(
+    drawing: Figure,
+    rows: int,
+    columns: int,
+    width_mm: float,
+    height_mm: float,
+    title_mm: float,
+) -> list[list[Axes]]:
+    """Return axes without ticks that tile a figure, below a strip for titles.
+
+    The figure must be ``columns * width_mm`` wide and ``rows * height_mm + title_mm`` high.
+    """
+    high = rows * height_mm + title_mm
+    return [
+        [
+            drawing.add_axes(
+                (
+                    column / columns,
+                    (rows - 1 - row) * height_mm / high,
+                    1.0 / columns,
+                    height_mm / high,
+                )
+            )
+            for column in range(columns)
+        ]
+        for row in range(rows)
+    ]
+
+
+def part_colours(face_part: IntArray) -> FloatArray:
+    """Return red, green, blue (F, 3) in [0, 1] of triangles (F,) by their part."""
+    palette = np.array([to_rgb(colour) for colour in PART_COLOURS])
+    chosen: FloatArray = palette[face_part % len(palette)]
+    return chosen

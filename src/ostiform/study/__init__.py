@@ -6,7 +6,8 @@ from ostiform.study.demonstration import (
     write_population,
 )
 from ostiform.study.naming import LoopFacts, loop_facts, named_loops
-from ostiform.study.reading import read_shape
+from ostiform.study.population import PopulationNames, ShapeNames, named_population
+from ostiform.study.reading import part_facts, read_shape, survey_shape
 from ostiform.study.settings import (
     CircleSettings,
     StudySettings,
@@ -15,14 +16,18 @@ from ostiform.study.settings import (
 )
 from ostiform.study.shape import Shape, ShapeId
 from ostiform.study.study import ShapeEntry, Study, natural_key, read_study
+from ostiform.study.survey import ShapeSurvey, survey_from_json, survey_to_json
 from ostiform.study.truth import Truth, material_coordinates, read_truth, true_positions
 
 __all__ = [
     "CircleSettings",
     "LoopFacts",
+    "PopulationNames",
     "Shape",
     "ShapeEntry",
     "ShapeId",
+    "ShapeNames",
+    "ShapeSurvey",
     "Study",
     "StudySettings",
     "Truth",
@@ -30,11 +35,16 @@ __all__ = [
     "loop_facts",
     "material_coordinates",
     "named_loops",
+    "named_population",
     "natural_key",
     "parsed_settings",
+    "part_facts",
     "read_settings",
     "read_shape",
     "read_study",
+    "survey_from_json",
+    "survey_shape",
+    "survey_to_json",
     "read_truth",
     "true_positions",
     "write_demonstration",

@@ -1,13 +1,17 @@
 """The demonstration population: dynamic left hearts with exactly known correspondence."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.study.deformation import Deformation
 from ostiform.study.extraction import canonical_points, extract
 from ostiform.study.implicit import Anatomy
 from ostiform.study.leftheart import left_heart, random_heart_subject
@@ -29,6 +33,7 @@ def write_demonstration(
     shapes: int = 34,
     seed: int = 2004,
     edge_mm: float = DEFAULT_EDGE_MM,
+    mapped: Callable[..., Iterable[Any]] = map,
 ) -> Path:
     """Write a population of dynamic left hearts as an ordinary study, with its truth beside.
 
@@ -43,6 +48,8 @@ def write_demonstration(
         Everything random follows from it.
     edge_mm : float
         Mean edge length of the meshes, mm.
+    mapped : callable
+        As in `write_population`.
 
     Returns
     -------
@@ -54,7 +61,7 @@ def write_demonstration(
     InputError
         If there are fewer shapes than subjects, or no subject.
     """
-    return write_population(folder, demonstration_truth(subjects, shapes, seed), edge_mm)
+    return write_population(folder, demonstration_truth(subjects, shapes, seed), edge_mm, mapped)
 
 
 def demonstration_truth(subjects: int = 4, shapes: int = 34, seed: int = 2004) -> Truth:
@@ -83,37 +90,76 @@ def demonstration_truth(subjects: int = 4, shapes: int = 34, seed: int = 2004) -
     return Truth(seed, left_heart(), deformations)
 
 
-def write_population(folder: Path, truth: Truth, edge_mm: float) -> Path:
-    """Mesh every shape of a truth and write it as a study.
+def write_population(
+    folder: Path, truth: Truth, edge_mm: float, mapped: Callable[..., Iterable[Any]] = map
+) -> Path:
+    """Mesh every shape of a truth and write it as a study with its truth beside.
 
-    Parameters and result are those of `write_demonstration`; any anatomy and deformations serve.
+    Parameters
+    ----------
+    folder : Path
+        Made if it does not exist; receives the files of `write_demonstration`.
+    truth : Truth
+        Of any anatomy and deformations; its seed also turns the grids.
+    edge_mm : float
+        Mean edge length of the meshes, mm.
+    mapped : callable
+        Used as ``map``, in order: pass an executor's ``map`` to mesh shapes in parallel, which
+        writes the same files.
+
+    Returns
+    -------
+    Path
+        Of ``study.toml``.
     """
     folder = Path(folder)
-    (folder / "shapes").mkdir(parents=True, exist_ok=True)
-    canonical = canonical_points(truth.anatomy, edge_mm)
+    task = partial(
+        _write_shape, folder, truth.anatomy, canonical_points(truth.anatomy, edge_mm), edge_mm
+    )
     children = np.random.SeedSequence([truth.seed, 1]).spawn(len(truth.deformations))
-    rows = []
+    ids = list(truth.deformations)
     rims: dict[str, list[FloatArray]] = {}
-    for child, (shape_id, deformation) in zip(children, truth.deformations.items(), strict=True):
-        rng = np.random.default_rng(child)
-        parts = extract(truth.anatomy, deformation, edge_mm, rng, canonical)
-        row = [shape_id.subject, shape_id.phase, repr(shape_id.time)]
-        for part, surface in parts.items():
-            name = f"shapes/{shape_id.subject}_{shape_id.phase}_{part}.vtp"
-            write_surface(folder / name, surface.vertices, surface.faces)
-            row.append(name)
-            for ostium, loop in surface.loops.items():
-                centroid = surface.vertices[loop].mean(axis=0)
-                rims.setdefault(f"{part}.{ostium}", []).append(centroid)
-        rows.append(row)
-    with (folder / "shapes.csv").open("w", newline="", encoding="utf-8") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(["subject", "phase", "time", *truth.anatomy.seeds])
-        table.writerows(rows)
+    rows = []
+    for shape_id, centroids in zip(
+        ids, mapped(task, ids, truth.deformations.values(), children), strict=True
+    ):
+        files = [_file_name(shape_id, part) for part in truth.anatomy.seeds]
+        rows.append([shape_id.subject, shape_id.phase, repr(shape_id.time), *files])
+        for name, centroid in centroids.items():
+            rims.setdefault(name, []).append(centroid)
+    with atomically(folder / "shapes.csv") as partial_file:
+        with partial_file.open("w", newline="", encoding="utf-8") as stream:
+            table = csv.writer(stream, lineterminator="\n")
+            table.writerow(["subject", "phase", "time", *truth.anatomy.seeds])
+            table.writerows(rows)
     write_truth(truth, folder / "truth" / "truth.json")
     study = folder / "study.toml"
-    study.write_text(_study_text(truth.anatomy, rims), encoding="utf-8")
+    with atomically(study) as partial_file:
+        partial_file.write_text(_study_text(truth.anatomy, rims), encoding="utf-8")
     return study
+
+
+def _file_name(shape_id: ShapeId, part: str) -> str:
+    return f"shapes/{shape_id.subject}_{shape_id.phase}_{part}.vtp"
+
+
+def _write_shape(
+    folder: Path,
+    anatomy: Anatomy,
+    canonical: FloatArray,
+    edge_mm: float,
+    shape_id: ShapeId,
+    deformation: Deformation,
+    seed: np.random.SeedSequence,
+) -> dict[str, FloatArray]:
+    # Writes the parts of one shape and returns the centroids of their rims by full name.
+    parts = extract(anatomy, deformation, edge_mm, np.random.default_rng(seed), canonical)
+    centroids = {}
+    for part, surface in parts.items():
+        write_surface(folder / _file_name(shape_id, part), surface.vertices, surface.faces)
+        for ostium, loop in surface.loops.items():
+            centroids[f"{part}.{ostium}"] = surface.vertices[loop].mean(axis=0)
+    return centroids
 
 
 def _study_text(anatomy: Anatomy, rims: Mapping[str, list[FloatArray]]) -> str:

@@ -20,6 +20,8 @@ from ostiform.study.spacemaps import Affine, Axial, Bumps, TubeWarp
 __all__ = ["HeartSubject", "left_heart", "random_heart_subject"]
 
 _BLEND_MM = 2.0
+_LONGEST_BEND_MM = 4.5
+"""A quarter of the distance over which a vessel's warp falls off: space is never folded."""
 _AXIS_POINT = (1.0, -2.0)
 _ANATOMICAL_TURN = np.asarray(
     Rotation.from_euler("xyz", [35.0, -35.0, 20.0], degrees=True).as_matrix()
@@ -175,8 +177,9 @@ def _vessel_maps(rng: np.random.Generator) -> tuple[TubeWarp, ...]:
         vein = name.startswith("LA")
         radii = rng.uniform(1.2, 3.8) if vein else rng.uniform(1.0, 1.6)
         lengthening = radii * vessel.radius - vessel.length
-        bend = _bounded(rng, 3.0, 3)
+        bend = _bounded(rng, 2.2, 3)
         bend = bend - (bend @ direction) * direction
+        bend *= min(1.0, _LONGEST_BEND_MM / max(float(np.linalg.norm(bend)), 1e-12))
         inner = 1.3 * vessel.radius
         maps.append(
             TubeWarp(
@@ -184,9 +187,9 @@ def _vessel_maps(rng: np.random.Generator) -> tuple[TubeWarp, ...]:
                 direction,
                 vessel.length,
                 inner,
-                inner + 15.0,
+                inner + 17.0,
                 lengthening * direction + bend,
-                float(_bounded(rng, 0.08, 1)[0]),
+                float(_bounded(rng, 0.06, 1)[0]),
             )
         )
     return tuple(maps)

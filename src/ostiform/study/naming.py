@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = ["LoopFacts", "loop_facts", "named_loops"]
+__all__ = ["LoopFacts", "listed_loops", "loop_facts", "named_loops"]
 
 _FARTHEST_IN_DIAGONALS = 0.5
 """A rough point further from its loop than half the part's bounding-box diagonal is no guide: it
@@ -90,8 +90,8 @@ def named_loops(
     if len(loops) != len(ostia):
         wanted = f"{len(ostia)} openings ({', '.join(ostia)})" if ostia else "a closed surface"
         raise InputError(
-            f"expected {wanted}, found {len(loops)}{_listed(loops, units)}: open, close or repair the "
-            "surface, or change the ostia of its part"
+            f"expected {wanted}, found {len(loops)}{listed_loops(loops, units)}: open, close or "
+            "repair the surface, or change the ostia of its part"
         )
     named = dict(known)
     open_names = [name for name in ostia if name not in known]
@@ -101,7 +101,7 @@ def named_loops(
         missing = [name for name in open_names if name not in points]
         raise InputError(
             f"expected rough points in [ostia.points] to tell {', '.join(missing)} apart, found "
-            f"none for these loops{_listed([loops[k] for k in open_loops], units)}"
+            f"none for these loops{listed_loops([loops[k] for k in open_loops], units)}"
         )
     if len(open_names) > 1:
         _check_points(guided, points, [loops[k] for k in open_loops], diagonal, units)
@@ -127,15 +127,23 @@ def _check_points(
         if nearest > _FARTHEST_IN_DIAGONALS * diagonal:
             raise InputError(
                 f"expected the rough point of {name} near an opening, found the nearest "
-                f"{nearest:.3g} {units} away from it{_listed(loops, units)}: check its units and frame"
+                f"{nearest:.3g} {units} away from it{listed_loops(loops, units)}: check its "
+                "units and frame"
             )
 
 
-def _listed(loops: Sequence[LoopFacts], units: str) -> str:
+def listed_loops(loops: Sequence[LoopFacts], units: str) -> str:
+    """Return where loops are and how long, in words; empty where there are none."""
     if not loops:
         return ""
     return ": " + "; ".join(
-        f"loop {k} at [{', '.join(f'{x:.4g}' for x in loop.center)}] {units}, perimeter "
-        f"{loop.perimeter:.3g} {units}, {loop.n_vertices} vertices"
+        f"loop {k} at {_place(loop)} {units}, perimeter {loop.perimeter:.3g} {units}, "
+        f"{loop.n_vertices} vertices"
         for k, loop in enumerate(loops, start=1)
     )
+
+
+def _place(loop: LoopFacts) -> str:
+    """Return the centre in words; what is nothing beside the perimeter is 0."""
+    center = np.where(np.abs(loop.center) > 1e-6 * loop.perimeter, loop.center, 0.0)
+    return f"[{', '.join(f'{x:.4g}' for x in center)}]"

@@ -25,7 +25,15 @@ from ostiform.surface.intersections import crossing_triangles
 from ostiform.surface.loop_filling import filled_loops
 from ostiform.surface.repair import MendedMesh, counted, mended_mesh, outward_mesh
 
-__all__ = ["OpenPart", "close_loops", "internal_factors", "open_part"]
+__all__ = [
+    "OpenPart",
+    "PartFacts",
+    "close_loops",
+    "internal_factors",
+    "open_part",
+    "opened_part",
+    "surface_facts",
+]
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 _TO_LPS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}
@@ -129,6 +137,30 @@ def opened_part(settings: StudySettings, part: str, file: Path, mesh: RawMesh) -
             f"{'; '.join(opened.repairs)}: set repair = true or mend the file"
         )
     return replace(opened, repairs=(*opened.repairs, *_crossings(opened)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartFacts:
+    """What can be said of a surface that may be unfit for use; None where it cannot be said."""
+
+    vertices: FloatArray
+    faces: IntArray
+    n_openings: int | None
+    genus: int | None
+    n_components: int
+
+
+def surface_facts(mesh: RawMesh) -> PartFacts:
+    """Return what can be said of a mesh, mended as far as it can be."""
+    mended = _unmended(mesh, np.ones(3))
+    try:
+        mended = mended_mesh(mended)
+        n_openings: int | None = len(boundary_loops(mended.faces))
+        handles: int | None = genus(mended.faces)
+    except TopologyError:
+        n_openings, handles = None, None
+    n_components = int(connected_components(mended.faces).max(initial=-1)) + 1
+    return PartFacts(mended.vertices, mended.faces, n_openings, handles, n_components)
 
 
 def close_loops(opened: OpenPart, chosen: IntArray, repair: str) -> OpenPart:

@@ -1,28 +1,47 @@
 """From the files of one shape to its surfaces: oriented, opened, named and sewn at the seams."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from ostiform.arrays import FloatArray
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.study.naming import loop_facts, named_loops
-from ostiform.study.parts import OpenPart, internal_factors, open_part
+from ostiform.study.parts import (
+    OpenPart,
+    PartFacts,
+    close_loops,
+    internal_factors,
+    open_part,
+    surface_facts,
+)
+from ostiform.study.population import ShapeNames
 from ostiform.study.settings import StudySettings
 from ostiform.study.shape import Shape
 from ostiform.study.study import ShapeEntry, Study
-from ostiform.surface import Seam, Surface, split_ostium_name
+from ostiform.study.survey import ShapeSurvey, shape_survey
+from ostiform.surface import Seam, Surface, read_mesh, split_ostium_name
+from ostiform.surface.repair import counted
 from ostiform.surface.seams import default_tolerance, loop_gap, sewn_seam
 
-__all__ = ["read_shape"]
+__all__ = ["part_facts", "read_shape", "survey_shape"]
 
 
-def read_shape(study: Study, entry: ShapeEntry) -> Shape:
+def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None) -> Shape:
     """Read the parts of one shape and make them surfaces with named openings.
 
     Positions become millimetres in LPS, faces counter-clockwise seen from outside; flaws of the
     meshes are mended (and said so in `Shape.repairs`), caps are opened, loops named, and the rims
     at seams given the same vertices.
+
+    Parameters
+    ----------
+    study : Study
+    entry : ShapeEntry
+    names : ShapeNames, optional
+        From `named_population`; without them the rough points of the study are taken to be in
+        the frame of this shape's files.
 
     Raises
     ------
@@ -34,20 +53,75 @@ def read_shape(study: Study, entry: ShapeEntry) -> Shape:
     """
     settings = study.settings
     try:
-        for part in settings.parts:
-            if part not in entry.files:
-                raise InputError(f"expected a file for the part {part}, found none")
-        opened = {part: open_part(settings, part, entry.files[part]) for part in settings.parts}
-        known = _known_by_seams(settings, opened)
-        surfaces = {
-            part: _named(settings, entry, part, opened[part], known[part])
-            for part in settings.parts
-        }
+        opened = _opened_parts(settings, entry)
+        if names is None:
+            known = _known_by_seams(settings, opened)
+            surfaces = {
+                part: _named(settings, entry, part, opened[part], known[part])
+                for part in settings.parts
+            }
+        else:
+            opened = {part: _with_closed(names, part, opened[part]) for part in settings.parts}
+            surfaces = {
+                part: Surface(item.vertices, item.faces, _loops_by_name(item))
+                for part, item in opened.items()
+            }
         surfaces, seam_repairs = _sewn(settings, surfaces)
     except (InputError, TopologyError) as error:
         raise type(error)(f"shape {entry.id}: {error}") from None
     repairs = [f"{part}: {repair}" for part in settings.parts for repair in opened[part].repairs]
-    return Shape(entry.id, surfaces, settings.seam_pairs, (*repairs, *seam_repairs))
+    notes = () if names is None else names.notes
+    return Shape(
+        entry.id, surfaces, settings.seam_pairs, (*entry.notes, *repairs, *notes, *seam_repairs)
+    )
+
+
+def survey_shape(study: Study, entry: ShapeEntry) -> ShapeSurvey:
+    """Read one shape as far as naming its openings asks for.
+
+    Errors are those of `read_shape`, but for its names and seams.
+    """
+    try:
+        opened = _opened_parts(study.settings, entry)
+    except (InputError, TopologyError) as error:
+        raise type(error)(f"shape {entry.id}: {error}") from None
+    known = _known_by_seams(study.settings, opened)
+    return shape_survey(
+        entry.id, {part: replace(item, known=known[part]) for part, item in opened.items()}
+    )
+
+
+def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
+    """Return what can be said of a part that is unfit for use; None if it cannot be read."""
+    try:
+        return surface_facts(read_mesh(entry.files[part]))
+    except (InputError, KeyError):
+        return None
+
+
+def _opened_parts(settings: StudySettings, entry: ShapeEntry) -> dict[str, OpenPart]:
+    for part in settings.parts:
+        if part not in entry.files:
+            raise InputError(f"expected a file for the part {part}, found none")
+    return {part: open_part(settings, part, entry.files[part]) for part in settings.parts}
+
+
+def _with_closed(names: ShapeNames, part: str, opened: OpenPart) -> OpenPart:
+    """Return a part whose loops are known by the given names, accessory ones closed."""
+    loops = np.array(names.closed.get(part, ()), dtype=np.int64)
+    sizes = ", ".join(
+        f"{loop_facts(opened.vertices, opened.loops[k]).perimeter:.3g} mm round"
+        for k in loops.tolist()
+    )
+    return close_loops(
+        replace(opened, known=names.names[part]),
+        loops,
+        f"closed {counted(len(loops), 'accessory opening')} ({sizes})",
+    )
+
+
+def _loops_by_name(opened: OpenPart) -> dict[str, IntArray]:
+    return {name: opened.loops[k] for name, k in opened.known.items()}
 
 
 def _known_by_seams(

@@ -91,11 +91,13 @@ class OstiaSettings(_Settings):
     """Rough positions of ostia, in the units and frame of the files.
 
     `points` holds for every shape; `shapes` for one shape (``"SUBJECT/PHASE"``) or all shapes of
-    a subject (``"SUBJECT"``), where it comes first.
+    a subject (``"SUBJECT"``), where it comes first. `close` names openings (``"PART.NAME"``)
+    beyond the ostia of a part that some shapes have and that are closed there.
     """
 
     points: dict[str, Point] = {}
     shapes: dict[str, dict[str, Point]] = {}
+    close: tuple[str, ...] = ()
 
 
 class WeldingSettings(_Settings):
@@ -360,7 +362,13 @@ def _ostium_problems(settings: StudySettings) -> list[str]:
     ]
     if settings.pole is not None:
         stated.append(("pole", settings.pole))
-    return [
+    closing = [
+        f'ostia.close[{index}]: expected "PART.NAME" with a part named in [parts] and a name that '
+        f"none of its ostia has, found {_shown(name)}"
+        for index, name in enumerate(settings.ostia.close)
+        if name in known or name.partition(".")[0] not in settings.parts or "." not in name
+    ]
+    return closing + [
         f'{key}: expected "PART.OSTIUM" with a part named in [parts] and one of its ostia, found '
         f"{_shown(name)}"
         for key, name in stated

@@ -31,11 +31,14 @@ class ShapeEntry:
         when it is read).
     covariates : mapping of str to str
         Further columns of the sheet.
+    notes : tuple of str
+        What was concluded about it, one sentence each.
     """
 
     id: ShapeId
     files: Mapping[str, Path]
     covariates: Mapping[str, str]
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
@@ -225,10 +228,41 @@ def _ordered(
     entries = []
     for subject in sorted(by_subject, key=natural_key):
         cycle = sorted(by_subject[subject], key=lambda item: natural_key(item.phase))
-        for rank, item in enumerate(cycle):
+        missing = _missing_phases(by_subject, subject)
+        order = sorted([*(item.phase for item in cycle), *missing], key=natural_key)
+        notes: tuple[str, ...] = ()
+        if missing and not stated and not settings.shapes.times:
+            notes = (
+                f"subject {subject} lacks the phase{'s' * (len(missing) > 1)} "
+                f"{', '.join(missing)} that others have: its times leave room for "
+                f"{'them' if len(missing) > 1 else 'it'}",
+            )
+        for item in cycle:
             time = item.time
             if time is None:
-                time = settings.shapes.times.get(item.phase, rank / len(cycle))
+                rank = order.index(item.phase)
+                time = settings.shapes.times.get(item.phase, rank / len(order))
             files = {part: item.files[part] for part in settings.parts if part in item.files}
-            entries.append(ShapeEntry(ShapeId(subject, item.phase, time), files, item.covariates))
+            shape = ShapeId(subject, item.phase, time)
+            entries.append(ShapeEntry(shape, files, item.covariates, notes))
     return tuple(entries)
+
+
+def _missing_phases(by_subject: Mapping[str, Sequence[_Found]], subject: str) -> list[str]:
+    """Return the phases between a subject's own first and last that another subject has.
+
+    Only where that subject has all of this one's: cycles of another number of phases have their
+    own names.
+    """
+    own = {item.phase for item in by_subject[subject]}
+    first, last = min(own, key=natural_key), max(own, key=natural_key)
+    missing: set[str] = set()
+    for other, items in by_subject.items():
+        theirs = {item.phase for item in items}
+        if other != subject and own < theirs:
+            missing |= {
+                phase
+                for phase in theirs - own
+                if natural_key(first) < natural_key(phase) < natural_key(last)
+            }
+    return sorted(missing, key=natural_key)

@@ -1,0 +1,428 @@
+"""Naming the openings of a whole population, and the shapes that do not belong to it.
+
+Names are given once: by the values of caps, by rough points of one or of all shapes, or by the
+circles of a domain written in the study. They reach every other shape by geometry (`matching`),
+first from the shape that has them, then from the mean of all.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.errors import InputError
+from ostiform.study.matching import (
+    LARGEST_TRIAL,
+    Landmarks,
+    Match,
+    best_match,
+    direct_way,
+    landmarks_of,
+    moved_onto,
+    n_ways,
+)
+from ostiform.study.naming import LoopFacts, listed_loops
+from ostiform.study.parts import internal_factors
+from ostiform.study.settings import StudySettings
+from ostiform.study.shape import ShapeId
+from ostiform.study.survey import PartSurvey, ShapeSurvey
+from ostiform.surface import split_ostium_name
+
+__all__ = ["PopulationNames", "ShapeNames", "named_population"]
+
+LEAST_MARGIN = 0.1
+"""The best way to name a shape's loops must fit a tenth better than the second best. Six left
+atria of patients have 0.2 to 0.7."""
+
+LEAST_DIRECT_MARGIN = 0.3
+"""The same for rough points in the frame of the files, which tell without any alignment."""
+
+OTHER_UNITS = 8.0
+"""Shapes of one population differ less than this in size; centimetres and millimetres, more."""
+
+OTHER_OPENING = 5.0
+"""So many times the usual perimeter, or less than its inverse, is another opening or a nick."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeNames:
+    """The names of a shape's loops.
+
+    Attributes
+    ----------
+    names : mapping of str to mapping of str to int
+        Loop of each ostium, by part.
+    closed : mapping of str to tuple of int
+        Loops to close, by part.
+    notes : tuple of str
+        What is worth saying about how they were found, one sentence each.
+    """
+
+    names: Mapping[str, Mapping[str, int]]
+    closed: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the mappings read-only."""
+        object.__setattr__(
+            self, "names", frozen_mapping({p: frozen_mapping(n) for p, n in self.names.items()})
+        )
+        object.__setattr__(self, "closed", frozen_mapping(self.closed))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PopulationNames:
+    """The names of every shape's loops.
+
+    Attributes
+    ----------
+    names : mapping of ShapeId to ShapeNames
+        The shapes that could be named.
+    problems : mapping of ShapeId to str
+        Why the others could not, one sentence each.
+    """
+
+    names: Mapping[ShapeId, ShapeNames]
+    problems: Mapping[ShapeId, str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Naming:
+    """What naming works with: the settings, and what they say of each shape."""
+
+    settings: StudySettings
+
+    @property
+    def ostia(self) -> dict[str, tuple[str, ...]]:
+        return {part: listed.ostia for part, listed in self.settings.parts.items()}
+
+    def points(self, shape: ShapeId, own: bool) -> dict[str, FloatArray]:
+        """Return the rough points of a shape, mm in LPS: its own alone, or the population's."""
+        stated = self.settings.ostia.shapes
+        chosen = (
+            {**stated.get(shape.subject, {}), **stated.get(str(shape), {})}
+            if own
+            else self.settings.ostia.points
+        )
+        factors = internal_factors(self.settings)
+        return {name: factors * np.array(point) for name, point in chosen.items()}
+
+    def listed(self, loops: Sequence[LoopFacts]) -> str:
+        """Return loops in words, in the units and frame of the files."""
+        factors = internal_factors(self.settings)
+        scale = abs(float(factors[0]))
+        return listed_loops(
+            [LoopFacts(f.center / factors, f.perimeter / scale, f.n_vertices) for f in loops],
+            self.settings.units,
+        )
+
+
+def named_population(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> PopulationNames:
+    """Name the loops of every shape of a population.
+
+    Shapes of another size (units) and shapes with another number of openings get no names. Loops
+    named by caps or seams, and those with rough points of their own shape, keep those names; all
+    others are named by geometry, whatever the pose of the shape in its file, if one way to name
+    them is clearly better than any other.
+
+    Parameters
+    ----------
+    settings : StudySettings
+    surveys : sequence of ShapeSurvey
+    """
+    naming = _Naming(settings)
+    problems = _of_other_size(settings, surveys)
+    sound = []
+    for survey in surveys:
+        if survey.id in problems:
+            continue
+        wrong = _wrong_count(naming, survey)
+        if wrong is None:
+            sound.append(survey)
+        else:
+            problems[survey.id] = wrong
+    stated = {s.id: names for s in sound if (names := _stated(naming, s)) is not None}
+    others = [survey for survey in sound if survey.id not in stated]
+    named = {shape: ShapeNames(names) for shape, names in stated.items()}
+    if others:
+        reference = _reference(naming, sound, stated)
+        if isinstance(reference, str):
+            problems.update({s.id: reference + _free_loops(naming, s) for s in others})
+        else:
+            found, doubtful = _matched(naming, sound, stated, reference)
+            named.update(found)
+            problems.update(doubtful)
+    closing = {s.id: _with_closed(s, named[s.id]) for s in sound if s.id in named}
+    problems.update(_odd_openings(naming, surveys, closing))
+    return PopulationNames({k: v for k, v in closing.items() if k not in problems}, problems)
+
+
+def _of_other_size(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> dict[ShapeId, str]:
+    if len(surveys) < 2:
+        return {}
+    sizes = np.array([survey.diagonal for survey in surveys])
+    scale = abs(float(internal_factors(settings)[0]))
+    problems = {}
+    for k, survey in enumerate(surveys):
+        usual = float(np.median(np.delete(sizes, k)))
+        ratio = max(sizes[k] / usual, usual / sizes[k]) if sizes[k] > 0.0 else np.inf
+        if ratio < OTHER_UNITS or (len(surveys) == 2 and sizes[k] > usual):
+            continue
+        word = "smaller" if sizes[k] < usual else "larger"
+        problems[survey.id] = (
+            f"expected about {usual / scale:.3g} {settings.units} across as the other shapes "
+            f"are, found {sizes[k] / scale:.3g} {settings.units}, {ratio:,.0f} times {word}: its file is "
+            f'in other units than the study\'s (units = "{settings.units}"), convert it'
+        )
+    return problems
+
+
+def _wrong_count(naming: _Naming, survey: ShapeSurvey) -> str | None:
+    for part, ostia in naming.ostia.items():
+        loops = survey.parts[part].loops
+        spare = sum(split_ostium_name(c)[0] == part for c in naming.settings.ostia.close)
+        if len(ostia) <= len(loops) <= len(ostia) + spare:
+            continue
+        wanted = f"{len(ostia)} openings ({', '.join(ostia)})" if ostia else "a closed surface"
+        more = len(loops) > len(ostia)
+        advice = (
+            f'name the one to close in ostia.close (as "{part}.NAME"), close or repair the surface'
+            if more
+            else "open or repair the surface"
+        )
+        return (
+            f"{part}: expected {wanted}, found {len(loops)}{naming.listed(loops)}: {advice}, or "
+            "change the ostia of its part"
+        )
+    return None
+
+
+def _stated(naming: _Naming, survey: ShapeSurvey) -> dict[str, dict[str, int]] | None:
+    """Return the names of a shape whose openings are told apart without any other shape."""
+    points = naming.points(survey.id, own=True)
+    return _by_points(naming, survey, points, 0.0)
+
+
+def _by_points(
+    naming: _Naming, survey: ShapeSurvey, points: Mapping[str, FloatArray], least_margin: float
+) -> dict[str, dict[str, int]] | None:
+    """Return names from rough points in the shape's own frame, or None if they do not tell."""
+    names: dict[str, dict[str, int]] = {}
+    for part, ostia in naming.ostia.items():
+        found = _part_by_points(survey.parts[part], part, ostia, points, least_margin)
+        if found is None:
+            return None
+        names[part] = found
+    return names
+
+
+def _part_by_points(
+    facts: PartSurvey,
+    part: str,
+    ostia: Sequence[str],
+    points: Mapping[str, FloatArray],
+    least_margin: float,
+) -> dict[str, int] | None:
+    named = dict(facts.known)
+    asked = [ostium for ostium in ostia if ostium not in named]
+    free = [k for k in range(len(facts.loops)) if k not in named.values()]
+    guided = [ostium for ostium in asked if f"{part}.{ostium}" in points]
+    unguided = [ostium for ostium in asked if ostium not in guided]
+    if len(asked) > 1 or len(free) > len(asked):
+        if len(unguided) > (len(free) == len(asked)):
+            return None
+        if n_ways(len(free), len(guided)) > LARGEST_TRIAL:
+            return None
+        centers = np.array([facts.loops[k].center for k in free])
+        rough = np.array([points[f"{part}.{ostium}"] for ostium in guided])
+        chosen, _, margin = direct_way(centers, rough)
+        if margin < least_margin:
+            return None
+        named.update({ostium: free[k] for ostium, k in zip(guided, chosen.tolist(), strict=True)})
+    left = [k for k in free if k not in named.values()]
+    unnamed = [ostium for ostium in asked if ostium not in named]
+    named.update(dict(zip(unnamed, left, strict=False)))
+    return {ostium: named[ostium] for ostium in ostia}
+
+
+def _reference(
+    naming: _Naming,
+    sound: Sequence[ShapeSurvey],
+    stated: Mapping[ShapeId, Mapping[str, Mapping[str, int]]],
+) -> Landmarks | str:
+    """Return the landmarks that names spread from, or why there are none."""
+    if stated:
+        first = next(survey for survey in sound if survey.id in stated)
+        return landmarks_of(first, stated[first.id])
+    best: tuple[float, Landmarks] | None = None
+    for survey in sound:
+        points = naming.points(survey.id, own=False)
+        names = _by_points(naming, survey, points, LEAST_DIRECT_MARGIN)
+        if names is None:
+            continue
+        misfit = _misfit_of_points(survey, names, points)
+        if misfit < survey.diagonal / 2.0 and (best is None or misfit < best[0]):
+            best = misfit, landmarks_of(survey, names)
+    if best is not None:
+        return best[1]
+    if naming.settings.ostia.points:
+        return (
+            "expected rough points in [ostia.points] that tell the openings of at least one shape "
+            "apart, found none whose points are near its loops: check the units and frame of the "
+            "points, or give all openings one"
+        )
+    return (
+        "expected rough points in [ostia.points] (or ostia.shapes of one shape) to tell the "
+        "openings apart, found none"
+    )
+
+
+def _misfit_of_points(
+    survey: ShapeSurvey,
+    names: Mapping[str, Mapping[str, int]],
+    points: Mapping[str, FloatArray],
+) -> float:
+    """Return the root mean square distance of loops from their rough points."""
+    squares = [
+        float(((facts.loops[k].center - points[f"{part}.{ostium}"]) ** 2).sum())
+        for part, facts in survey.parts.items()
+        for ostium, k in names[part].items()
+        if f"{part}.{ostium}" in points
+    ]
+    return float(np.sqrt(np.mean(squares))) if squares else 0.0
+
+
+def _free_loops(naming: _Naming, survey: ShapeSurvey) -> str:
+    loops = [
+        loop
+        for facts in survey.parts.values()
+        for k, loop in enumerate(facts.loops)
+        if k not in facts.known.values()
+    ]
+    return f"; its loops{naming.listed(loops)}"
+
+
+def _matched(
+    naming: _Naming,
+    sound: Sequence[ShapeSurvey],
+    stated: Mapping[ShapeId, Mapping[str, Mapping[str, int]]],
+    reference: Landmarks,
+) -> tuple[dict[ShapeId, ShapeNames], dict[ShapeId, str]]:
+    """Name shapes by geometry: from the reference, then from the mean of the clear ones."""
+    others = [survey for survey in sound if survey.id not in stated]
+    first = {survey.id: best_match(survey, naming.ostia, reference) for survey in others}
+    clear = [landmarks_of(s, stated[s.id]) for s in sound if s.id in stated]
+    clear += [
+        landmarks_of(s, first[s.id].names)
+        for s in others
+        if first[s.id].margin >= LEAST_MARGIN and not first[s.id].is_mirrored
+    ]
+    mean = _mean([moved_onto(item, reference) for item in clear], reference)
+    named, problems = {}, {}
+    for survey in others:
+        match = best_match(survey, naming.ostia, mean)
+        settled = _settled(naming, survey, match)
+        if isinstance(settled, str):
+            problems[survey.id] = settled
+        else:
+            named[survey.id] = settled
+    return named, problems
+
+
+def _mean(items: Sequence[Landmarks], reference: Landmarks) -> Landmarks:
+    if not items:
+        return reference
+    return Landmarks(
+        {name: np.mean([item.points[name] for item in items], axis=0) for name in reference.points},
+        {name: float(np.mean([item.radii[name] for item in items])) for name in reference.radii},
+        reference.samples,
+        reference.area,
+    )
+
+
+def _settled(naming: _Naming, survey: ShapeSurvey, match: Match) -> ShapeNames | str:
+    """Return the names of a match that is clear, or why it is not."""
+    notes = []
+    if match.is_mirrored:
+        notes.append(
+            "fits the other shapes far better as its mirror image: check the orientation and the "
+            "frame of its file"
+        )
+    points = naming.points(survey.id, own=False)
+    direct = _by_points(naming, survey, points, LEAST_DIRECT_MARGIN) if points else None
+    if match.margin >= LEAST_MARGIN:
+        if points and direct != match.names:
+            notes.append(
+                "openings named by their places among each other: the rough points do not fit the "
+                "shape as it lies in its file"
+            )
+        return ShapeNames(match.names, notes=tuple(notes))
+    if direct is not None and direct in (match.names, match.rival):
+        return ShapeNames(direct, notes=tuple(notes))
+    part, one, two = _differing(match)
+    loops = survey.parts[part].loops
+    return (
+        f"{part}: expected openings that can be told apart, found two ways to name them that fit "
+        f"alike ({one} or {two}){naming.listed(loops)}: give rough points of this shape in "
+        f'[ostia.shapes."{survey.id}"]'
+    )
+
+
+def _differing(match: Match) -> tuple[str, str, str]:
+    """Return the part and the openings that the two best ways name differently."""
+    part = next(p for p in match.names if match.names[p] != match.rival[p])
+    ostia = [o for o, k in match.names[part].items() if match.rival[part][o] != k]
+    one = ", ".join(f"{o} = loop {match.names[part][o] + 1}" for o in ostia)
+    two = ", ".join(f"{o} = loop {match.rival[part][o] + 1}" for o in ostia)
+    return part, one, two
+
+
+def _with_closed(survey: ShapeSurvey, names: ShapeNames) -> ShapeNames:
+    closed = {
+        part: tuple(k for k in range(len(facts.loops)) if k not in names.names[part].values())
+        for part, facts in survey.parts.items()
+    }
+    return ShapeNames(names.names, {p: loops for p, loops in closed.items() if loops}, names.notes)
+
+
+def _odd_openings(
+    naming: _Naming, surveys: Sequence[ShapeSurvey], named: Mapping[ShapeId, ShapeNames]
+) -> dict[ShapeId, str]:
+    """Return the shapes with an opening of quite another size than in the other shapes."""
+    known = [survey for survey in surveys if survey.id in named]
+    if len(known) < 3:
+        return {}
+    problems: dict[ShapeId, str] = {}
+    scale = abs(float(internal_factors(naming.settings)[0]))
+    for part, ostia in naming.ostia.items():
+        for ostium in ostia:
+            sizes = np.array(
+                [s.parts[part].loops[named[s.id].names[part][ostium]].perimeter for s in known]
+            )
+            for k, survey in enumerate(known):
+                usual = float(np.median(np.delete(sizes, k)))
+                if usual / OTHER_OPENING <= sizes[k] <= usual * OTHER_OPENING:
+                    continue
+                loop = survey.parts[part].loops[named[survey.id].names[part][ostium]]
+                problems.setdefault(
+                    survey.id,
+                    f"{part}: expected the opening {ostium} about {usual / scale:.3g} "
+                    f"{naming.settings.units} round as in the other shapes, found"
+                    f"{naming.listed([loop]).removeprefix(':')}: check whether it is closed and a "
+                    "hole was taken for it",
+                )
+    return problems
+
+
+def checked_names(names: PopulationNames, shape: ShapeId) -> ShapeNames:
+    """Return the names of one shape.
+
+    Raises
+    ------
+    InputError
+        If it could not be named.
+    """
+    if shape in names.names:
+        return names.names[shape]
+    raise InputError(f"shape {shape}: {names.problems[shape]}")

@@ -1,0 +1,151 @@
+"""What telling the openings of a population apart needs to know of each shape."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_mapping
+from ostiform.study.naming import LoopFacts, loop_facts
+from ostiform.study.parts import OpenPart
+from ostiform.study.shape import ShapeId
+from ostiform.surface import face_areas
+
+__all__ = [
+    "PartSurvey",
+    "ShapeSurvey",
+    "part_survey",
+    "shape_survey",
+    "survey_from_json",
+    "survey_to_json",
+]
+
+_SAMPLES = 400
+"""Points that stand for a surface: about 5 mm apart on a left atrium."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartSurvey:
+    """One part of one shape, in millimetres and LPS.
+
+    Attributes
+    ----------
+    center : (3,) float64
+        Centroid of the area.
+    area : float
+        In mm^2.
+    diagonal : float
+        Of the bounding box.
+    samples : (400, 3) float64
+        Points spread over the surface by area.
+    loops : tuple of LoopFacts
+    known : mapping of str to int
+        Loops named already, by ostium.
+    """
+
+    center: FloatArray
+    area: float
+    diagonal: float
+    samples: FloatArray
+    loops: tuple[LoopFacts, ...]
+    known: Mapping[str, int]
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "centre"))
+        object.__setattr__(self, "samples", frozen_floats(self.samples, (None, 3), "samples"))
+        object.__setattr__(self, "known", frozen_mapping(self.known))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeSurvey:
+    """The parts of one shape, by name."""
+
+    id: ShapeId
+    parts: Mapping[str, PartSurvey]
+
+    def __post_init__(self) -> None:
+        """Make the mapping read-only."""
+        object.__setattr__(self, "parts", frozen_mapping(self.parts))
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the box round all samples, mm."""
+        return float(np.linalg.norm(np.ptp(self.samples, axis=0)))
+
+    @property
+    def samples(self) -> FloatArray:
+        """The samples of all parts."""
+        return np.concatenate([part.samples for part in self.parts.values()])
+
+
+def part_survey(
+    vertices: FloatArray,
+    faces: IntArray,
+    loops: Sequence[IntArray],
+    known: Mapping[str, int],
+) -> PartSurvey:
+    """Return the facts of an opened part."""
+    areas = face_areas(vertices, faces)  # (F,)
+    centroids = vertices[faces].mean(axis=1)  # (F, 3)
+    total = float(areas.sum())
+    steps = total * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    chosen = np.minimum(np.searchsorted(np.cumsum(areas), steps), len(faces) - 1)
+    return PartSurvey(
+        center=areas @ centroids / total if total > 0.0 else vertices.mean(axis=0),
+        area=total,
+        diagonal=float(np.linalg.norm(np.ptp(vertices, axis=0))),
+        samples=centroids[chosen],
+        loops=tuple(loop_facts(vertices, loop) for loop in loops),
+        known=known,
+    )
+
+
+def shape_survey(shape: ShapeId, parts: Mapping[str, OpenPart]) -> ShapeSurvey:
+    """Return the facts of the opened parts of a shape."""
+    return ShapeSurvey(
+        shape,
+        {
+            name: part_survey(part.vertices, part.faces, part.loops, part.known)
+            for name, part in parts.items()
+        },
+    )
+
+
+def survey_to_json(survey: ShapeSurvey) -> dict[str, Any]:
+    """Return a survey as plain values."""
+    return {
+        "subject": survey.id.subject,
+        "phase": survey.id.phase,
+        "time": survey.id.time,
+        "parts": {
+            name: {
+                "center": part.center.tolist(),
+                "area": part.area,
+                "diagonal": part.diagonal,
+                "samples": part.samples.tolist(),
+                "loops": [[*f.center.tolist(), f.perimeter, f.n_vertices] for f in part.loops],
+                "known": dict(part.known),
+            }
+            for name, part in survey.parts.items()
+        },
+    }
+
+
+def survey_from_json(value: Mapping[str, Any]) -> ShapeSurvey:
+    """Return the survey that `survey_to_json` made plain."""
+    return ShapeSurvey(
+        ShapeId(value["subject"], value["phase"], value["time"]),
+        {
+            name: PartSurvey(
+                center=np.array(part["center"]),
+                area=part["area"],
+                diagonal=part["diagonal"],
+                samples=np.array(part["samples"]),
+                loops=tuple(LoopFacts(np.array(f[:3]), f[3], int(f[4])) for f in part["loops"]),
+                known=part["known"],
+            )
+            for name, part in value["parts"].items()
+        },
+    )

@@ -1,0 +1,258 @@
+"""Cutting a surface along the zero curve of a height given at its vertices.
+
+The curve becomes a chain of edges. Vertices that lie almost on it are moved onto it along an edge,
+so that no slivers remain; nothing else is moved.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.errors import InputError, TopologyError
+from ostiform.surface.operators import face_areas
+from ostiform.surface.topology import graph_labels, unique_edges
+
+__all__ = ["CutSurface", "cut_along_zero", "tube_cut"]
+
+_SNAP_SHARE = 0.25
+"""A vertex this near to the curve, as a share of the edge that crosses it, is moved onto it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutSurface:
+    """A surface with a curve among its edges.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64
+        The given ones first.
+    faces : (F, 3) int64
+    source : (F,) int64
+        The given face that each lies on.
+    side : (F,) int64
+        1 where the height is positive, -1 where it is negative, 0 for faces that the cut leaves.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    source: IntArray
+    side: IntArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        count = len(self.faces)
+        object.__setattr__(self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices"))
+        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
+        object.__setattr__(self, "source", frozen_ints(self.source, (count,), "source"))
+        object.__setattr__(self, "side", frozen_ints(self.side, (count,), "side"))
+
+
+def cut_along_zero(
+    vertices: FloatArray, faces: IntArray, height: FloatArray, chosen: BoolArray | None = None
+) -> CutSurface:
+    """Return the surface with the zero curve of a height among its edges.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int64
+    height : (V,) float64
+        Linear along edges.
+    chosen : (F,) bool, optional
+        The faces that may be cut: all those that one closed curve crosses, or none of them.
+    """
+    allowed = np.ones(len(faces), dtype=np.bool_) if chosen is None else chosen
+    height = np.where(height == 0.0, np.finfo(np.float64).tiny, height)
+    vertices, height = _snapped(vertices, faces, height, allowed)
+    sign = np.sign(height).astype(np.int64)
+    corners = sign[faces]  # (F, 3)
+    crossing = allowed & (corners.min(axis=1) < 0) & (corners.max(axis=1) > 0)
+    points, pieces, parents, sides = _split(vertices, faces, np.flatnonzero(crossing), sign, height)
+    kept = np.flatnonzero(~crossing)
+    total = corners[kept].sum(axis=1)
+    own = np.where(allowed[kept], np.sign(total), 0)
+    return CutSurface(
+        np.vstack([vertices, points]),
+        np.concatenate([faces[kept], pieces]),
+        np.concatenate([kept, parents]),
+        np.concatenate([own, sides]),
+    )
+
+
+def tube_cut(
+    vertices: FloatArray, faces: IntArray, height: FloatArray, center: FloatArray, reach: float
+) -> CutSurface:
+    """Cut one tube off a surface, where a height is zero, and leave what else the zero set meets.
+
+    The zero set meets the surface in closed curves; the one whose centre is nearest to the given
+    point is cut, and the smaller of the two pieces, by area, is dropped.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int64
+        One connected surface.
+    height : (V,) float64
+    center : (3,) float64
+        Where the tube is meant to be cut.
+    reach : float
+        The curve's centre must be within this distance of `center`.
+
+    Returns
+    -------
+    CutSurface
+        What remains; `side` is that of its faces.
+
+    Raises
+    ------
+    InputError
+        If no closed curve is near.
+    TopologyError
+        If the curve does not cut the surface in two.
+    """
+    height = np.where(height == 0.0, np.finfo(np.float64).tiny, height)
+    above = height[faces] > 0.0  # (F, 3)
+    crossing = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+    _, edge, count = unique_edges(faces)
+    edge = edge.reshape(-1, 3)
+    is_cut_edge = above != np.roll(above, -1, axis=1)  # (F, 3)
+    rows, slots = np.nonzero(is_cut_edge[crossing])
+    keys = edge[crossing[rows], slots]
+    order = np.argsort(keys, kind="stable")
+    same = np.flatnonzero(keys[order][1:] == keys[order][:-1])
+    label = graph_labels(rows[order[same]], rows[order[same + 1]], len(crossing))
+    best: tuple[float, IntArray] | None = None
+    for k in range(int(label.max(initial=-1)) + 1):
+        band = crossing[label == k]
+        if (count[edge[band][is_cut_edge[band]]] != 2).any():
+            continue  # it ends at an opening
+        distance = float(np.linalg.norm(_curve_center(vertices, faces[band], height) - center))
+        if best is None or distance < best[0]:
+            best = distance, band
+    if best is None or best[0] > reach:
+        found = "none" if best is None else f"the nearest {best[0]:.3g} away"
+        raise InputError(
+            f"expected the cut to meet the surface in a closed curve within {reach:.3g} of its "
+            f"centre, found {found}: check its centre, frame and units"
+        )
+    chosen = np.zeros(len(faces), dtype=np.bool_)
+    chosen[best[1]] = True
+    return _smaller_dropped(cut_along_zero(vertices, faces, height, chosen))
+
+
+def _curve_center(vertices: FloatArray, band: IntArray, height: FloatArray) -> FloatArray:
+    start, end = band.reshape(-1), np.roll(band, -1, axis=1).reshape(-1)
+    crosses = (height[start] > 0.0) != (height[end] > 0.0)
+    start, end = start[crosses], end[crosses]
+    share = height[start] / (height[start] - height[end])
+    points = vertices[start] + share[:, None] * (vertices[end] - vertices[start])
+    center: FloatArray = points.mean(axis=0)
+    return center
+
+
+def _smaller_dropped(cut: CutSurface) -> CutSurface:
+    """Drop the smaller of the two pieces on either side of the curve."""
+    _, edge, _ = unique_edges(cut.faces)
+    order = np.argsort(edge, kind="stable")
+    same = np.flatnonzero(edge[order][1:] == edge[order][:-1])
+    one, two = order[same] // 3, order[same + 1] // 3
+    is_curve = cut.side[one] * cut.side[two] < 0
+    label = graph_labels(one[~is_curve], two[~is_curve], len(cut.faces))
+    pair = label[one[is_curve]], label[two[is_curve]]
+    ends = np.unique(np.concatenate(pair))
+    if len(ends) != 2:
+        raise TopologyError(
+            f"expected a cut that parts the surface in two, found {len(ends)} pieces along it: "
+            "move the cut along its tube"
+        )
+    area = np.bincount(label, weights=face_areas(cut.vertices, cut.faces))
+    smaller = ends[int(area[ends[1]] < area[ends[0]])]
+    kept = np.flatnonzero(label != smaller)
+    return CutSurface(cut.vertices, cut.faces[kept], cut.source[kept], cut.side[kept])
+
+
+def _snapped(
+    vertices: FloatArray, faces: IntArray, height: FloatArray, allowed: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Move vertices that are almost on the curve onto it, along the edge that crosses nearest."""
+    band = faces[allowed]
+    start, end = band.reshape(-1), np.roll(band, -1, axis=1).reshape(-1)
+    crosses = (height[start] > 0.0) != (height[end] > 0.0)
+    one = np.concatenate([start[crosses], end[crosses]])
+    two = np.concatenate([end[crosses], start[crosses]])
+    share = height[one] / (height[one] - height[two])  # (n,)
+    order = np.argsort(share, kind="stable")
+    near = order[share[order] < _SNAP_SHARE]
+    vertices, height = vertices.copy(), height.copy()
+    on_curve = np.zeros(len(vertices), dtype=np.bool_)
+    ring = _rings(band, set(one[near].tolist()))
+    for k in near.tolist():
+        v = int(one[k])
+        # A triangle with all corners on the curve would belong to neither side.
+        if on_curve[v] or any(on_curve[a] and on_curve[b] for a, b in ring[v]):
+            continue
+        vertices[v] = vertices[v] + share[k] * (vertices[two[k]] - vertices[v])
+        height[v] = 0.0
+        on_curve[v] = True
+    return vertices, height
+
+
+def _rings(faces: IntArray, wanted: set[int]) -> dict[int, list[tuple[int, int]]]:
+    ring: dict[int, list[tuple[int, int]]] = {v: [] for v in wanted}
+    for a, b, c in faces.tolist():
+        for v, pair in ((a, (b, c)), (b, (c, a)), (c, (a, b))):
+            if v in ring:
+                ring[v].append(pair)
+    return ring
+
+
+def _split(
+    vertices: FloatArray, faces: IntArray, crossing: IntArray, sign: IntArray, height: FloatArray
+) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+    """Return new points and the pieces of the crossed faces with their parents and sides."""
+    edges: dict[tuple[int, int], int] = {}
+    points: list[FloatArray] = []
+    pieces: list[tuple[int, int, int]] = []
+    parents: list[int] = []
+    sides: list[int] = []
+
+    def middle(a: int, b: int) -> int:
+        low, high = min(a, b), max(a, b)
+        if (low, high) not in edges:
+            edges[low, high] = len(vertices) + len(points)
+            share = height[low] / (height[low] - height[high])
+            points.append(vertices[low] + share * (vertices[high] - vertices[low]))
+        return edges[low, high]
+
+    for parent in crossing.tolist():
+        a, b, c = faces[parent].tolist()
+        signs = sign[[a, b, c]].tolist()
+        if 0 in signs:
+            a, b, c = _rotated((a, b, c), signs.index(0))
+            m = middle(b, c)
+            new = [((a, b, m), int(sign[b])), ((a, m, c), int(sign[c]))]
+        else:
+            lone = next(k for k in range(3) if signs.count(signs[k]) == 1)
+            a, b, c = _rotated((a, b, c), lone)
+            p, q = middle(a, b), middle(a, c)
+            new = [((a, p, q), int(sign[a]))]
+            from_p = np.linalg.norm(points[p - len(vertices)] - vertices[c])
+            from_q = np.linalg.norm(points[q - len(vertices)] - vertices[b])
+            rest = [(p, b, c), (p, c, q)] if from_p < from_q else [(p, b, q), (q, b, c)]
+            new += [(piece, int(sign[b])) for piece in rest]
+        for piece, side in new:
+            pieces.append(piece)
+            parents.append(parent)
+            sides.append(side)
+    return (
+        np.array(points).reshape(-1, 3),
+        np.array(pieces, dtype=np.int64).reshape(-1, 3),
+        np.array(parents, dtype=np.int64),
+        np.array(sides, dtype=np.int64),
+    )
+
+
+def _rotated(corners: tuple[int, int, int], first: int) -> tuple[int, int, int]:
+    a, b, c = corners[first:] + corners[:first]
+    return a, b, c

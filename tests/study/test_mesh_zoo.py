@@ -1,0 +1,37 @@
+import re
+
+import pytest
+from oracles.mesh_zoo import ZOO, study_of
+
+from ostiform.errors import InputError
+from ostiform.pipeline.check import check_study
+
+
+@pytest.mark.parametrize("specimen", ZOO, ids=[specimen.flaw for specimen in ZOO])
+def test_a_flawed_mesh_is_mended_or_refused_in_one_sentence(specimen, tmp_path):
+    path = study_of(specimen, tmp_path / "study")
+    try:
+        checks = check_study(path)
+    except InputError as error:
+        assert specimen.outcome == "refused"
+        assert re.search(specimen.word, str(error))
+        return
+    problems = [check.problem for check in checks if check.problem]
+    repairs = "; ".join(repair for check in checks for repair in check.repairs)
+    if specimen.outcome == "refused":
+        (problem,) = problems
+        assert problem.startswith("shape bad/0: ")
+        assert re.search(specimen.word, problem)
+    else:
+        assert problems == []
+        assert bool(repairs) == (specimen.outcome == "repaired")
+        assert re.search(specimen.word, repairs)
+
+
+def test_no_repair_is_made_where_the_study_forbids_it(tmp_path):
+    specimen = next(s for s in ZOO if s.flaw == "duplicate faces")
+    path = study_of(specimen, tmp_path / "study")
+    text = path.read_text(encoding="utf-8").replace("schema = 1", "schema = 1\nrepair = false")
+    path.write_text(text, encoding="utf-8")
+    (problem,) = [check.problem for check in check_study(path) if check.problem]
+    assert "needs no repair (repair = false), found one that needs: dropped 6 repeated" in problem
