@@ -24,8 +24,8 @@ format: $(VENV)/installed-lint
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-benchmarks: $(VENV)/installed-test
-	$(BIN)/python -m benchmarks
+docs: $(VENV)/installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist .pytest_cache .mypy_cache .ruff_cache
@@ -45,3 +45,13 @@ $(VENV)/installed-test: pyproject.toml | $(VENV)/installed
 $(VENV)/installed-lint: pyproject.toml | $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --group lint
 	touch $@
+
+$(VENV)/installed-docs: pyproject.toml | $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --group docs
+	touch $@
+
+# Time together with accuracy; minutes each. See docs/benchmarks.md.
+benchmarks: $(VENV)/installed-test
+	$(BIN)/python -m benchmarks.embedding
+	$(BIN)/ostiform demo -o $(OUT) && rm -rf $(OUT)/measured
+	$(BIN)/python -m benchmarks.chain $(OUT)/study/study.toml $(OUT)/measured

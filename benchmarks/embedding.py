@@ -26,7 +26,7 @@ from tests.oracles.implicit_atria import (
 SIZES = {"5k": 5_000, "20k": 20_000, "90k": 90_000}
 REPEATS = 3
 RELAXATIONS = 20
-HEADER = "| mesh | vertices | s per part | turned | angle mean | area 1 to 99 % | seam jump (floor) |"
+HEADER = "| mesh | vertices | s per part | turned | angle | area 1 to 99 % | seam jump (floor) |"
 
 
 def main(largest: int) -> None:

@@ -1,5 +1,7 @@
 """Configuration of the documentation; build it with ``make docs``."""
 
+import re
+
 from ostiform import __version__
 
 project = "Ostiform"
@@ -30,12 +32,38 @@ default_role = "code"
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"Ostiform {__version__}"
-html_static_path = ["_static"]
-html_css_files = ["ostiform.css"]
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
     "show_toc_level": 2,
+    "header_links_before_dropdown": 9,
 }
+html_sidebars = {"*": []}
 html_show_sourcelink = False
+
+SEVERAL_NAMES = re.compile(r"(\w+(?:, \w+)+) : (.+)")
+
+
+def one_name_each(app, what, name, obj, options, lines):
+    """Write ``a, b : type`` of a docstring as two entries: napoleon takes one name each."""
+    written, rest = [], list(lines)
+    while rest:
+        line = rest.pop(0)
+        found = SEVERAL_NAMES.fullmatch(line)
+        if found is None:
+            written.append(line)
+            continue
+        description = []
+        while rest and (rest[0].startswith(" ") or not rest[0]):
+            if not rest[0] and not (len(rest) > 1 and rest[1].startswith(" ")):
+                break
+            description.append(rest.pop(0))
+        for each in found[1].split(", "):
+            written += [f"{each} : {found[2]}", *description]
+    lines[:] = written
+
+
+def setup(app):
+    """Connect the handler ahead of napoleon's."""
+    app.connect("autodoc-process-docstring", one_name_each, priority=100)

@@ -19,7 +19,7 @@ from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.study.demonstration import write_demonstration
 from ostiform.surface import exact_orientations
 
-pytestmark = pytest.mark.xdist_group("end to end")
+pytestmark = pytest.mark.xdist_group("end_to_end")
 
 SHAPES = 6
 ON_RIM_MM = 1e-6  # the promise of the design: rims are sampled on their own polyline

@@ -60,9 +60,7 @@ class Body:
         return value
 
 
-def atrium(
-    vein_length: float, n_veins: int = 4, rng: np.random.Generator | None = None
-) -> Body:
+def atrium(vein_length: float, n_veins: int = 4, rng: np.random.Generator | None = None) -> Body:
     """An atrium with a mitral opening, veins of a length in radii, and a blind appendage, mm."""
     radii = np.array([23.0, 19.0, 20.0])
     directions = np.array(
@@ -120,7 +118,9 @@ def left_heart(rng: np.random.Generator) -> Body:
     directions = np.array(
         [[0.85, -0.55, 0.35], [0.85, 0.35, 0.55], [-0.85, -0.5, 0.45], [-0.85, 0.4, 0.5]]
     ) + rng.normal(0.0, 0.08, (4, 3))
-    tubes = [Tube("annulus", np.array([0, 0, -8.0]), np.array([0, 0, 10.0]), 13.5, np.zeros(3), False)]
+    tubes = [
+        Tube("annulus", np.array([0, 0, -8.0]), np.array([0, 0, 10.0]), 13.5, np.zeros(3), False)
+    ]
     for k, direction in enumerate(directions):
         tube = _from_wall(
             f"PV{k + 1}", direction, atrial, rng.uniform(4.5, 6), rng.uniform(2, 4), np.zeros(3)
@@ -143,7 +143,9 @@ def opened_component(body: Body, spacing: float, part: str = "LA", relax: int = 
             height = (vertices - tube.end) @ tube.axis
             away = np.linalg.norm(vertices - tube.end - height[:, None] * tube.axis, axis=1)
             near = (away < 1.8 * tube.radius) & (height > -3.0 * spacing)
-            vertices, faces, _ = _cut(vertices, faces, np.where(near, height, -1e3), tube.axis, spacing)
+            vertices, faces, _ = _cut(
+                vertices, faces, np.where(near, height, -1e3), tube.axis, spacing
+            )
             vertices, faces = _largest(vertices, faces)
     if relax:
         vertices = _relaxed(body, vertices, faces, 5)
@@ -188,7 +190,14 @@ def _from_wall(
 ) -> Tube:
     direction = direction / np.linalg.norm(direction)
     wall = 1.0 / np.sqrt(np.sum((direction / radii) ** 2))
-    return Tube(name, direction * (wall - 6.0), direction * (wall + length * calibre), calibre, bend, is_open)
+    return Tube(
+        name,
+        direction * (wall - 6.0),
+        direction * (wall + length * calibre),
+        calibre,
+        bend,
+        is_open,
+    )
 
 
 def _ellipsoid(points: FloatArray, center: FloatArray, radii: FloatArray) -> FloatArray:
@@ -213,7 +222,10 @@ def _contoured(body: Body, spacing: float) -> tuple[FloatArray, IntArray]:
     corners = [body.center - body.radii, body.center + body.radii]
     corners += [c + s * r for c, r in body.others for s in (-1.0, 1.0)]
     for tube in body.tubes:
-        corners += [tube.nodes.min(axis=0) - 3 * tube.radius, tube.nodes.max(axis=0) + 3 * tube.radius]
+        corners += [
+            tube.nodes.min(axis=0) - 3 * tube.radius,
+            tube.nodes.max(axis=0) + 3 * tube.radius,
+        ]
     low, high = np.min(corners, axis=0) - 3 * spacing, np.max(corners, axis=0) + 3 * spacing
     counts = np.ceil((high - low) / spacing).astype(int) + 1
     grid = pv.ImageData(dimensions=counts, spacing=(spacing,) * 3, origin=low)
@@ -232,7 +244,9 @@ def _outward(surface: pv.PolyData, faces: IntArray) -> IntArray:
 
 def _largest(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     labels = connected_components(faces)
-    kept, faces = without_unreferenced(faces[labels == np.argmax(np.bincount(labels))], len(vertices))
+    kept, faces = without_unreferenced(
+        faces[labels == np.argmax(np.bincount(labels))], len(vertices)
+    )
     index = np.full(len(vertices), -1, dtype=np.int64)
     index[kept] = np.arange(len(kept))
     if faces.max() >= len(kept):
@@ -245,7 +259,9 @@ def _merged_at_nodes(
 ) -> tuple[FloatArray, IntArray]:
     """Collapse short edges of a contour, one per vertex neighbourhood, where that is safe."""
     for _ in range(6):
-        edges = np.unique(np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1), axis=0)
+        edges = np.unique(
+            np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1), axis=0
+        )
         lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
         short = edges[lengths < 0.45 * spacing][np.argsort(lengths[lengths < 0.45 * spacing])]
         neighbours: list[set[int]] = [set() for _ in range(len(vertices))]
@@ -266,7 +282,11 @@ def _merged_at_nodes(
         if (merged == np.arange(len(vertices))).all():
             break
         faces = merged[faces]
-        distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+        distinct = (
+            (faces[:, 0] != faces[:, 1])
+            & (faces[:, 1] != faces[:, 2])
+            & (faces[:, 2] != faces[:, 0])
+        )
         vertices, faces = _largest(vertices, faces[distinct])
     return vertices, faces
 
@@ -282,10 +302,14 @@ def _relaxed(body: Body, vertices: FloatArray, faces: IntArray, steps: int) -> F
     vertices = vertices.copy()
     delta = 1e-4
     for _ in range(steps):
-        mean = np.stack([np.bincount(edges[:, 0], vertices[edges[:, 1], k], len(vertices)) for k in range(3)], 1)
+        mean = np.stack(
+            [np.bincount(edges[:, 0], vertices[edges[:, 1], k], len(vertices)) for k in range(3)], 1
+        )
         vertices[free] += 0.5 * (mean / degree[:, None] - vertices)[free]
         value = body.level(vertices)
-        gradient = np.stack([(body.level(vertices + delta * axis) - value) / delta for axis in np.eye(3)], 1)
+        gradient = np.stack(
+            [(body.level(vertices + delta * axis) - value) / delta for axis in np.eye(3)], 1
+        )
         squared = np.einsum("vi,vi->v", gradient, gradient)
         vertices[free] -= ((value / np.maximum(squared, 1e-2))[:, None] * gradient)[free]
     return vertices

@@ -308,22 +308,41 @@ def _doubled(vertices, faces):
 
 ZOO = (
     Specimen("sound mesh", _mesh(lambda v, f: (v, f)), "usable", ""),
-    Specimen("non-manifold edge (small fin)", _mesh(lambda v, f: _fin(v, f, 2.0)), "repaired", "extra sheet"),
+    Specimen(
+        "non-manifold edge (small fin)",
+        _mesh(lambda v, f: _fin(v, f, 2.0)),
+        "repaired",
+        "extra sheet",
+    ),
     Specimen("non-manifold edges (large wall)", _mesh(_big_membrane), "refused", "three or more"),
     Specimen("bow-tie vertex (second sheet)", _mesh(_bow_tie), "repaired", "touches itself"),
     Specimen("duplicate vertices (soup)", _mesh(_soup), "repaired", "merged"),
     Specimen("duplicate vertices (STL)", _saved("bad_LA.stl"), "usable", ""),
     Specimen("duplicate faces", _mesh(_doubled), "repaired", "dropped 6 repeated"),
     Specimen("inconsistent orientation", _mesh(_flipped_some), "repaired", "to agree"),
-    Specimen("inside-out surface", _mesh(lambda v, f: (v, f[:, [0, 2, 1]])), "repaired", "inside-out"),
-    Specimen("degenerate triangle", _mesh(lambda v, f: (v, np.vstack([f, [[3, 3, 4]]]))), "repaired", "degenerate"),
+    Specimen(
+        "inside-out surface", _mesh(lambda v, f: (v, f[:, [0, 2, 1]])), "repaired", "inside-out"
+    ),
+    Specimen(
+        "degenerate triangle",
+        _mesh(lambda v, f: (v, np.vstack([f, [[3, 3, 4]]]))),
+        "repaired",
+        "degenerate",
+    ),
     Specimen("triangle without area", _mesh(_with_slivers), "repaired", "without area"),
     Specimen("isolated vertices", _mesh(_isolated), "repaired", "3 vertices of no triangle"),
     Specimen("small second component", _mesh(_second(2.0, 60.0)), "repaired", "stray piece"),
     Specimen("large second component", _mesh(_second(30.0, 90.0)), "refused", "one connected"),
-    Specimen("genus 1", _mesh(lambda v, f: (20 * torus(40, 20)[0], torus(40, 20)[1])), "refused", "1 handle"),
+    Specimen(
+        "genus 1",
+        _mesh(lambda v, f: (20 * torus(40, 20)[0], torus(40, 20)[1])),
+        "refused",
+        "1 handle",
+    ),
     Specimen("closed where open was expected", _mesh(_closed), "refused", "expected 3 openings"),
-    Specimen("tiny spurious loop (six edges)", _mesh(_six_edge_nick, 3000), "repaired", "tiny hole"),
+    Specimen(
+        "tiny spurious loop (six edges)", _mesh(_six_edge_nick, 3000), "repaired", "tiny hole"
+    ),
     Specimen("one opening too many", _mesh(_extra_hole(0.2, 14)), "refused", "found 4"),
     Specimen("one opening missing", _mesh(_missing_opening), "refused", "found 2"),
     Specimen("nick that touches an opening", _mesh(_touching_openings, 3000), "repaired", "parted"),
@@ -333,9 +352,16 @@ ZOO = (
     Specimen("NaN coordinate", _bytes(_nan, "bad_LA.vtk"), "refused", "NaN"),
     Specimen("empty file", _bytes(b""), "refused", "empty file"),
     Specimen("truncated file", _bytes(_truncated), "refused", "expected"),
-    Specimen("wrong extension (PLY named VTP)", _bytes(_big_endian_ply), "refused", "expected an XML"),
+    Specimen(
+        "wrong extension (PLY named VTP)", _bytes(_big_endian_ply), "refused", "expected an XML"
+    ),
     Specimen("unknown extension", _bytes(b"x", "bad_LA.xyz"), "refused", "ending in"),
-    Specimen("point cloud without faces", _saved("bad_LA.ply", lambda m: pv.PolyData(m.points)), "refused", "no triangle|element face"),
+    Specimen(
+        "point cloud without faces",
+        _saved("bad_LA.ply", lambda m: pv.PolyData(m.points)),
+        "refused",
+        "no triangle|element face",
+    ),
     Specimen("quadrilaterals", _two_open_quads, "repaired", "into triangles"),
     Specimen("ASCII file", _bytes(_ascii_vtk, "bad_LA.vtk"), "usable", ""),
     Specimen("binary, big-endian file", _bytes(_big_endian_ply, "bad_LA.ply"), "usable", ""),
@@ -345,4 +371,4 @@ ZOO = (
     Specimen("non-ASCII name", _into("Þórdís 心房"), "usable", ""),
     Specimen("very long name", _into("x" * 200), "usable", ""),
     Specimen("name with spaces", _into("a  b c"), "usable", ""),
-)  # fmt: skip
+)

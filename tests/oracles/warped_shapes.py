@@ -13,8 +13,14 @@ from scipy.spatial import ConvexHull
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.sampling import ShapeSampler, sampler
-from ostiform.correspondence.warps import FieldBasis, bump_fields, circle_table, flow
-from ostiform.correspondence.warps import join_fields, twist_fields
+from ostiform.correspondence.warps import (
+    FieldBasis,
+    bump_fields,
+    circle_table,
+    flow,
+    join_fields,
+    twist_fields,
+)
 from ostiform.domain import BaseDomain, Circle, Sphere, Template, TemplateLevel
 from ostiform.embedding import Certificate, Distortion, Embedding
 from ostiform.study import ShapeId
@@ -75,9 +81,7 @@ def triangulated(domain: BaseDomain, count: int) -> Template:
     part = np.zeros(len(points), np.int64)
     if sphere.seams:
         part = ((points[:, 2] > 0.0) & (curve < len(sphere.rims))).astype(np.int64)
-    loops = {
-        name: np.flatnonzero(curve == number)[::-1] for number, name in enumerate(sphere.rims)
-    }
+    loops = {name: np.flatnonzero(curve == number)[::-1] for number, name in enumerate(sphere.rims)}
     return Template(
         points=points,
         sphere=np.zeros(len(points), np.int64),
@@ -100,7 +104,10 @@ def with_level(template: Template, domain: BaseDomain, count: int) -> Template:
     coarse = triangulated(domain, count)
     index = np.full(len(coarse.points), -1)
     for curve in np.unique(coarse.curve):
-        mine, theirs = np.flatnonzero(template.curve == curve), np.flatnonzero(coarse.curve == curve)
+        mine, theirs = (
+            np.flatnonzero(template.curve == curve),
+            np.flatnonzero(coarse.curve == curve),
+        )
         nearest = cKDTree(template.points[mine]).query(coarse.points[theirs])[1]
         index[theirs] = mine[nearest]
     if len(np.unique(index)) != len(index):
@@ -148,7 +155,8 @@ class WarpedFamily:
         )
         count = len(materials)
         errors = [
-            weights @ np.linalg.norm(
+            weights
+            @ np.linalg.norm(
                 self.surfaces[j](materials[i]) - self.surfaces[j](materials[j]), axis=1
             )
             for i in range(count)

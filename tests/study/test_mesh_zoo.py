@@ -10,12 +10,11 @@ from ostiform.pipeline.check import check_study
 @pytest.mark.parametrize("specimen", ZOO, ids=[specimen.flaw for specimen in ZOO])
 def test_a_flawed_mesh_is_mended_or_refused_in_one_sentence(specimen, tmp_path):
     path = study_of(specimen, tmp_path / "study")
-    try:
-        checks = check_study(path)
-    except InputError as error:
-        assert specimen.outcome == "refused"
-        assert re.search(specimen.word, str(error))
+    if specimen.flaw == "duplicated subject":  # the study itself is refused
+        with pytest.raises(InputError, match=specimen.word):
+            check_study(path)
         return
+    checks = check_study(path)
     problems = [check.problem for check in checks if check.problem]
     repairs = "; ".join(repair for check in checks for repair in check.repairs)
     if specimen.outcome == "refused":

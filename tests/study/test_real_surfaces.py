@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
 
 from ostiform.errors import InputError
-from ostiform.study import loop_facts, read_shape, read_study
-from ostiform.surface import enclosed_volume
+from ostiform.study import loop_facts, named_population, read_shape, read_study, survey_shape
+from ostiform.surface import enclosed_volume, read_mesh, write_surface
 
 LEFT_ATRIA = """
 schema = 1
@@ -106,3 +108,30 @@ def test_the_left_heart_template_is_opened_by_its_face_labels(study):
         "LSPV": 42,
         "LIPV": 30,
     }
+
+
+def test_atria_turned_in_their_files_get_their_names_and_a_sixth_hole_is_closed(
+    shared_data, tmp_path
+):
+    turns = [np.eye(3), *Rotation.random(5, rng=np.random.default_rng(5)).as_matrix()]
+    for k, turn in enumerate(turns, start=1):
+        mesh = read_mesh(shared_data / "left-atria" / f"LA_with_fibers_{k}.vtk")
+        write_surface(tmp_path / f"{k}.vtp", mesh.vertices @ turn.T, mesh.faces)
+    text = LEFT_ATRIA.format(folder=".").replace("LA_with_fibers_{subject}.vtk", "{subject}.vtp")
+    text = text.replace("[ostia.points]", '[ostia]\nclose = ["LA.hole"]\n[ostia.points]')
+    path = tmp_path / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    atria = read_study(path)
+    surveys = [survey_shape(atria, entry) for entry in atria.entries]
+    found = named_population(atria.settings, surveys)
+    assert found.problems == {}
+    rough = np.array(list(atria.settings.ostia.points.values()))
+    for turn, survey in zip(turns, surveys, strict=True):
+        # Turned back, the atria lie in one frame, where the rough points tell.
+        centers = np.array([loop.center for loop in survey.parts["LA"].loops]) @ turn
+        distance = np.linalg.norm(rough[:, None] - centers, axis=2)
+        _, expected = linear_sum_assignment(distance)
+        assert list(found.names[survey.id].names["LA"].values()) == expected.tolist()
+    shape = read_shape(atria, atria.entries[4], found.names[surveys[4].id])
+    assert "LA: closed 1 accessory opening (34.6 mm round)" in shape.repairs
+    assert len(shape.parts["LA"].loops) == 5

@@ -26,6 +26,7 @@ app = App(
 # By name, so that `ostiform --help` and `--version` do not wait for the numerical libraries.
 COMMANDS = {
     "demo": ("demo", "Build the model of a generated population of beating left hearts."),
+    "init": ("init", "Propose a study.toml for a folder of meshes or label maps."),
     "check": ("check", "Read every shape of a study and say whether it can be used."),
     "build": ("build", "Build the shape model of a study, with its evidence and report."),
     "embed": ("build", "Only read the shapes and map each to the base domain."),

@@ -13,6 +13,9 @@ from ostiform.pipeline.check import ShapeCheck, check_study
 
 __all__ = ["check"]
 
+FILE_WIDTH = 160
+"""Columns of the table in a pipe or a log."""
+
 
 def check(study: StudyPath, *, common: Common = DEFAULTS) -> int:
     """Read every shape and say whether it can be used; the exit code is 0 only if all can."""
@@ -52,6 +55,8 @@ def _print_table(checks: list[ShapeCheck]) -> None:
         if not check.parts:
             table.add_row(str(check.id), "", "", "", "", "", "", verdict)
     console = Console()
+    if not console.is_terminal:
+        console = Console(width=FILE_WIDTH)
     console.print(table)
     for check in checks:
         for repair in check.repairs:

@@ -230,7 +230,9 @@ def _farthest_points(
         farthest = int(np.argmax(scores))
         if not scores[farthest] > 0.0:
             break
-        reached = dijkstra(graph, directed=False, indices=farthest)
+        reached: FloatArray = dijkstra(  # type: ignore[call-overload]  # stubs lack csr_array
+            graph, directed=False, indices=farthest
+        )
         distance = np.minimum(distance, reached) if len(sources) or chosen else reached
         chosen.append(farthest)
     return np.array(chosen, dtype=np.int64)

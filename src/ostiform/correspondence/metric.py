@@ -81,4 +81,5 @@ def metric_value(term: MetricTerm, shape: FloatArray) -> float:
 def _log_lengths(term: MetricTerm, shape: FloatArray) -> FloatArray:
     sides = shape[term.edges[:, 0]] - shape[term.edges[:, 1]]  # (E, 3)
     squares = np.einsum("ek,ek->e", sides, sides)
-    return 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny))
+    logarithms: FloatArray = 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny))
+    return logarithms

@@ -1,4 +1,4 @@
-"""Warps of the component spheres: smooth fields tangent to the circles, and their flows (HY 2.3)."""
+"""Warps of the component spheres: smooth fields tangent to the circles, and flows (HY 2.3)."""
 
 from dataclasses import dataclass
 

@@ -30,9 +30,7 @@ def part_scales(component: Component, sphere: Sphere, directions: FloatArray) ->
     surface = np.bincount(
         component.face_part, face_areas(component.vertices, component.faces), count
     )
-    region = np.bincount(
-        component.face_part, spherical_areas(directions, component.faces), count
-    )
+    region = np.bincount(component.face_part, spherical_areas(directions, component.faces), count)
     log_scale = 0.5 * np.log(region / surface)  # (n_parts,)
     middles = directions[component.faces].sum(axis=1)
     middles = middles / np.linalg.norm(middles, axis=1, keepdims=True)

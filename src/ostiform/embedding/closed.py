@@ -4,7 +4,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.embedding.disc import disc_solution
-from ostiform.embedding.energy import EnergyWeights
 from ostiform.surface.operators import uniform_laplacian, vertex_areas
 from ostiform.surface.sphere import inverse_stereographic
 

@@ -14,6 +14,9 @@ __all__ = ["Continued", "continued"]
 STAGES = ((1e-1, 1e-2), (1e-2, 1e-2), (1e-3, 1e-3))
 MAX_STAGE_ITERATIONS = 25
 
+# Short steps in a row after which the exact barrier asks for them.
+PATIENCE = 3
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Continued:
@@ -48,11 +51,11 @@ def continued(
 ) -> Continued:
     """Minimise the energy from a fold-free map and stay fold-free.
 
-    The exact barrier goes straight to the minimum from a good start: 9 to 20 steps, 25 to 45 for
-    raw marching-cubes meshes, no more than with the continuation that design 3 lists. Only where
-    it has not converged, the barrier is regularised less and less, which lets the triangles that
-    cap its steps fold on the way; what is still folded then is untangled locally, and the exact
-    barrier starts again from there. The better of the two minima is returned.
+    One stage of a regularised barrier comes near in a few long steps and is kept if it leaves no
+    folds (regular meshes). Else the exact barrier starts from the given map (raw marching-cubes
+    meshes). Where a few triangles hold that back, the barrier is regularised less and less, which
+    lets them fold on the way; what is still folded then is untangled locally, and the exact
+    barrier starts again from there. The best of the maps is returned.
 
     Parameters
     ----------
@@ -65,19 +68,27 @@ def continued(
     tolerance, max_iterations
         Of the exact barrier.
     """
-    direct = minimised(problem, directions, weights, 0.0, max_iterations, tolerance)
-    if direct.has_converged:
-        return _continued(direct, direct.iterations)
-    start, rotations, steps = _regularised(problem, direct, weights)
-    repaired = untangled(start, problem.faces, is_fixed, max_rounds=4)
-    steps += direct.iterations + repaired.iterations
-    if repaired.folded:
-        return _continued(direct, steps)
-    again = minimised(
-        problem, repaired.directions, weights, 0.0, max_iterations, tolerance, rotations
+    epsilon, loose = STAGES[0]
+    near = minimised(problem, directions, weights, epsilon, MAX_STAGE_ITERATIONS, loose)
+    first, turned = directions, None
+    if near.least_ratio > 0.0 and not count_flipped(near.directions, problem.faces):
+        first, turned = near.directions, near.rotations
+    direct = minimised(
+        problem, first, weights, 0.0, max_iterations, tolerance, turned, patience=PATIENCE
     )
-    better = again if again.energy < direct.energy else direct
-    return _continued(better, steps + again.iterations)
+    steps = near.iterations + direct.iterations
+    if direct.has_converged:
+        return _continued(direct, steps)
+    start, rotations, more = _regularised(problem, direct, weights)
+    repaired = untangled(start, problem.faces, is_fixed, max_rounds=4)
+    steps += more + repaired.iterations
+    if repaired.folded:
+        start, rotations = direct.directions, direct.rotations
+    else:
+        start = repaired.directions
+    last = minimised(problem, start, weights, 0.0, max_iterations, tolerance, rotations)
+    better = last if last.energy < direct.energy else direct
+    return _continued(better, steps + last.iterations)
 
 
 def _regularised(

@@ -17,10 +17,7 @@ from ostiform.domain import Circle
 from ostiform.surface.operators import uniform_laplacian
 from ostiform.surface.solve import factorize
 from ostiform.surface.sphere import (
-    inverse_stereographic,
-    normalised,
     rotation_between,
-    stereographic,
 )
 
 __all__ = [

@@ -12,10 +12,10 @@ from ostiform.embedding.closed import punctured_start
 from ostiform.embedding.conformal import conformal_holes
 from ostiform.embedding.continuation import Continued, continued
 from ostiform.embedding.distortion import measure_distortion
-from ostiform.embedding.energy import surface_reference
 from ostiform.embedding.newton import MovingRim, map_problem
 from ostiform.embedding.paper import harmonic_embedding
 from ostiform.embedding.pose_fit import best_rotation, posed_moments
+from ostiform.embedding.reference import surface_reference
 from ostiform.embedding.seam_warp import seams_on_circles
 from ostiform.embedding.settings import EmbeddingSettings
 from ostiform.embedding.start import on_curves, starting_map, state

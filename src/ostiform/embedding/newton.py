@@ -1,7 +1,7 @@
 """Projected Newton minimisation of the barrier energy on the sphere, one rotation per rim."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -10,13 +10,12 @@ from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import Circle
 from ostiform.embedding.energy import (
     EnergyWeights,
-    ReferenceTriangles,
     energy_and_derivatives,
     energy_value,
     largest_step,
     tangent_bases,
 )
-from ostiform.errors import ConvergenceError
+from ostiform.embedding.reference import ReferenceTriangles
 from ostiform.surface.solve import Factorization, factorize
 
 __all__ = ["MapProblem", "MovingRim", "NewtonResult", "map_problem", "minimised"]
@@ -25,6 +24,9 @@ __all__ = ["MapProblem", "MovingRim", "NewtonResult", "map_problem", "minimised"
 ARMIJO = 1e-4
 STEP_SHARE = 0.9
 MAX_HALVINGS = 40
+
+# Share of the Newton step below which a step counts as short.
+SHORT_STEP = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +155,7 @@ def minimised(
     max_iterations: int,
     tolerance: float,
     rotations: FloatArray | None = None,
-    factorization: Factorization | None = None,
+    patience: int | None = None,
 ) -> NewtonResult:
     """Minimise the energy from a given map; at epsilon = 0 the map must be and stays fold-free.
 
@@ -170,6 +172,9 @@ def minimised(
         Stops when the Newton step promises a relative decrease of the energy below this.
     rotations : (n_rims,) float64, optional
         Rotations of the rims in `directions`; zero by default.
+    patience : int, optional
+        Stops, not converged, after that many steps in a row shorter than `SHORT_STEP`: a few
+        triangles hold all others back.
 
     Returns
     -------
@@ -177,18 +182,35 @@ def minimised(
     """
     current = directions.copy()
     turned = np.zeros(len(problem.rims)) if rotations is None else rotations.copy()
-    kernel = (problem.faces, problem.reference.gradients, problem.reference.areas)
-    kernel = (*kernel, weights.as_array(), float(epsilon))  # type: ignore[assignment]
+    reference = problem.reference
+    terms = weights.as_array()
+
+    def value(map_: FloatArray) -> tuple[float, float]:
+        return energy_value(
+            map_, problem.faces, reference.gradients, reference.areas, terms, epsilon
+        )
+
     gradient = np.zeros(problem.n_dofs)
     hessian = np.zeros(len(problem.rows))
     bases = np.empty((len(directions), 2, 3))
-    energy, least = energy_value(current, *kernel)
+    energy, least = value(current)
+    factorization: Factorization | None = None
     converged = False
-    iterations = 0
+    iterations = short_steps = 0
     while iterations < max_iterations and problem.n_dofs and np.isfinite(energy):
         _fill_bases(problem, current, bases)
         energy_and_derivatives(
-            current, *kernel, bases, problem.dofs, problem.slots, gradient, hessian
+            current,
+            problem.faces,
+            reference.gradients,
+            reference.areas,
+            terms,
+            epsilon,
+            bases,
+            problem.dofs,
+            problem.slots,
+            gradient,
+            hessian,
         )
         factorization = _refactorized(problem, hessian, factorization)
         step = -factorization.solve(gradient)
@@ -202,7 +224,7 @@ def minimised(
             length = min(1.0, STEP_SHARE * largest_step(current, motion, problem.faces))
         for _ in range(MAX_HALVINGS):
             trial, trial_turned = _moved(problem, current, bases, length * step, turned)
-            trial_energy, trial_least = energy_value(trial, *kernel)
+            trial_energy, trial_least = value(trial)
             if trial_energy <= energy + ARMIJO * length * slope:
                 break
             length *= 0.5
@@ -213,8 +235,11 @@ def minimised(
         energy = trial_energy
         iterations += 1
         # with a regularised barrier, folded slivers promise decreases that never come
+        short_steps = short_steps + 1 if length < SHORT_STEP else 0
         if min(promised, found if epsilon > 0.0 else np.inf) < tolerance * abs(energy):
             converged = True
+            break
+        if patience is not None and short_steps >= patience:
             break
     return NewtonResult(current, turned, energy, least, iterations, converged)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.domain import Circle
 from ostiform.embedding.disc import (
     ComplexArray,
     Disc,
@@ -20,7 +21,6 @@ from ostiform.embedding.disc import (
     pole_frame,
     tutte_disc,
 )
-from ostiform.domain import Circle
 from ostiform.surface.operators import vertex_areas
 from ostiform.surface.sphere import inverse_stereographic, stereographic
 
@@ -32,15 +32,18 @@ CELL_SHARE = 0.9
 # Width of the layer below the border where the stretch sets in, as a share of the depth.
 SMOOTHING_SHARE = 0.4
 
-MAX_FLOW_STEPS = 160
+# Most RK4 steps of the flow, and least width of its kernels as a share of the holes' distance from
+# the centre.
+MAX_FLOW_STEPS = 600
+LEAST_WIDTH = 0.01
+
+# Holes whose kernels keep this share of their width at the ends go straight; else one of the bows
+# is tried.
+CLEARANCE = 0.4
+BOWS = (0.7, -0.7, 1.4, -1.4)
 
 # A disc is spread where its middle has to be enlarged more than this.
 CROWDED = 3.0
-
-# Holes that keep kernels wider than this share of the disc's radius go straight; else one of the
-# bows is tried.
-CLEARANCE = 0.05
-BOWS = (0.7, -0.7, 1.4, -1.4)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +97,7 @@ def opened_disc(disc: Disc, outer_directions: FloatArray | None = None) -> Opene
     arc_length = zeta.copy()
     reach = [float(np.abs(zeta[h.loop] - a).max()) for h, a in zip(disc.holes, apexes, strict=True)]
     extents = np.maximum(radii, np.array(reach))
+    on_circle: list[ComplexArray] = []
     for number, hole in enumerate(disc.holes):
         offsets = zeta - apexes[number]
         border = _cell_radius(number, targets, extents, outer_radius)
@@ -107,6 +111,13 @@ def opened_disc(disc: Disc, outer_directions: FloatArray | None = None) -> Opene
         shift = _arc_length_shift(disc, hole.loop, circle, angle[rim], targets[number], radius)
         bent = angle + (1.0 - share) ** 2 * _periodic(angle, angle[rim], shift)
         arc_length[inside] = targets[number] + distance * np.exp(1j * bent)
+        on_circle.append(targets[number] + radius * np.exp(1j * (angle[rim] + shift)))
+    # last, because cells of crowded holes overlap
+    for hole, points, center in zip(disc.holes, on_circle, targets, strict=True):
+        arc_length[hole.loop] = points
+        steps = np.angle(np.roll(opened[hole.loop] - center, -1) / (opened[hole.loop] - center))
+        if (steps <= 0.0).any():  # not star-shaped: the rim's own angles would fold it
+            opened[hole.loop] = points
     return OpenedDisc(
         *(inverse_stereographic(plane) @ frame for plane in (tutte, opened, arc_length))
     )
@@ -218,7 +229,8 @@ def _clear_paths(starts: ComplexArray, targets: ComplexArray, radius: float) -> 
     Holes that change places all pass on the left.
     """
     best = _with_clearance(_Paths(starts, targets, 0.0), radius)
-    if best.clearance > CLEARANCE * radius:
+    ends = min(_widths(starts, radius).min(), _widths(targets, radius).min())
+    if best.clearance > CLEARANCE * ends:
         return best
     for bow in BOWS:
         other = _with_clearance(_Paths(starts, targets, bow), radius)
@@ -228,9 +240,7 @@ def _clear_paths(starts: ComplexArray, targets: ComplexArray, radius: float) -> 
 
 
 def _with_clearance(paths: _Paths, radius: float) -> _Paths:
-    clearance = min(
-        float(_widths(paths.at(t)[0], radius).min()) for t in np.linspace(0.0, 1.0, 33)
-    )
+    clearance = min(float(_widths(paths.at(t)[0], radius).min()) for t in np.linspace(0.0, 1.0, 33))
     return replace(paths, clearance=clearance)
 
 
@@ -239,7 +249,8 @@ def _widths(centers: ComplexArray, radius: float) -> FloatArray:
     gaps = np.abs(centers[:, None] - centers[None, :]) + np.diag(np.full(len(centers), np.inf))
     nearest = np.minimum(gaps.min(axis=1), radius)
     widths = 0.6 * np.minimum(nearest, radius - np.abs(centers))
-    return np.maximum(widths, 0.02 * radius)
+    floored: FloatArray = np.maximum(widths, LEAST_WIDTH * min(radius, np.abs(centers).max()))
+    return floored
 
 
 def _velocity(
@@ -253,7 +264,9 @@ def _velocity(
         unit[k] = 1.0
         weights[:, k] = _kernel_sum(centers, centers, widths, unit, radius)
     coefficients = np.linalg.lstsq(weights, speeds, rcond=1e-6)[0]
-    velocity: ComplexArray = _kernel_sum(points, centers, widths, coefficients, radius)
+    velocity: ComplexArray = _kernel_sum(
+        points, centers, widths, coefficients.astype(np.complex128), radius
+    )
     return velocity
 
 

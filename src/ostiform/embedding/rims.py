@@ -6,8 +6,9 @@ import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import Circle
-from ostiform.embedding.energy import EnergyWeights, surface_reference
+from ostiform.embedding.energy import EnergyWeights
 from ostiform.embedding.newton import map_problem, minimised
+from ostiform.embedding.reference import surface_reference
 from ostiform.embedding.untangle import Untangled, untangled
 from ostiform.surface import spherical_areas
 

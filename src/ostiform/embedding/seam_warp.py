@@ -90,10 +90,9 @@ def _mercator(circle: Circle, directions: FloatArray) -> tuple[FloatArray, Float
 
 def _from_mercator(circle: Circle, longitude: FloatArray, latitude: FloatArray) -> FloatArray:
     ring = Circle(circle.center, 0.5 * np.pi).points(longitude)
-    points: FloatArray = (
-        np.tanh(latitude)[:, None] * circle.center + ring / np.cosh(latitude)[:, None]
-    )
-    return points / np.linalg.norm(points, axis=1, keepdims=True)
+    points = np.tanh(latitude)[:, None] * circle.center + ring / np.cosh(latitude)[:, None]
+    unit: FloatArray = points / np.linalg.norm(points, axis=1, keepdims=True)
+    return unit
 
 
 def _fitted(

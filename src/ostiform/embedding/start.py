@@ -122,9 +122,7 @@ def starting_map(component: Component, sphere: Sphere, pose: FloatArray) -> Star
             _curves(component, sphere, directions),
             is_fixed,
         )
-    states.append(
-        state("untangled", component, unfolded.directions, time.process_time() - clock)
-    )
+    states.append(state("untangled", component, unfolded.directions, time.process_time() - clock))
     degree = _degree(component, sphere, unfolded.directions)
     return StartingMap(unfolded.directions, unfolded.folded, degree, tuple(states))
 

@@ -1,8 +1,8 @@
 """Local foldover-free untangling of the few triangles that are folded (Garanzha et al. 2021).
 
 Each connected neighbourhood of folded triangles is mapped anew with its border fixed, by the
-regularised barrier energy with equilateral references of the local size; the neighbourhood grows when that
-fails. The paper's own untangling (HY eq. 1) is in `ostiform.embedding.maxmin`.
+regularised barrier energy with equilateral references of the local size; the neighbourhood grows
+when that fails. The paper's own untangling (HY eq. 1) is in `ostiform.embedding.maxmin`.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.embedding.energy import EnergyWeights, equilateral_reference
+from ostiform.embedding.energy import EnergyWeights
 from ostiform.embedding.newton import MapProblem, map_problem, minimised
+from ostiform.embedding.reference import equilateral_reference
 from ostiform.surface.sphere import exact_orientations, spherical_areas, triangle_determinants
 
 __all__ = ["Untangled", "untangled"]
@@ -153,7 +154,8 @@ def _local_areas(directions: FloatArray, faces: IntArray) -> FloatArray:
     for _ in range(SMOOTHING_RINGS):
         around = np.bincount(corners, np.repeat(areas, 3)) / uses
         areas = around[faces].mean(axis=1)
-    return np.maximum(areas, LEAST_SHARE * areas.mean())
+    floored: FloatArray = np.maximum(areas, LEAST_SHARE * areas.mean())
+    return floored
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,6 +34,11 @@ class Coverage:
     smallest_share: float
     smallest_share_ratio: float
 
+    @property
+    def relative_maximum(self) -> float:
+        """Largest distance as a share of the diameter."""
+        return self.maximum / self.diameter
+
 
 def shape_coverage(
     original: OriginalMesh, points: FloatArray, initial_points: FloatArray, faces: IntArray

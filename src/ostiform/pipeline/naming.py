@@ -5,6 +5,7 @@ Artifacts: ``surveys/NAME.json``, what naming needs to know of each shape.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from ostiform.errors import InputError
@@ -66,7 +67,10 @@ def reading_inputs(study: Study, entry: ShapeEntry) -> list[Any]:
     """
     settings = study.settings.model_dump(mode="json", include=READING_SETTINGS)
     identity = [entry.id.subject, entry.id.phase, entry.id.time]
-    hashes = {name: _hash(entry, name) for name in entry.files}
+    files = dict(entry.files)
+    if entry.cuts is not None:
+        files["cuts"] = entry.cuts
+    hashes = {name: _hash(entry, name, path) for name, path in files.items()}
     return [identity, hashes, settings, list(entry.notes)]
 
 
@@ -103,8 +107,7 @@ def _named(
     return population.names, failures
 
 
-def _hash(entry: ShapeEntry, name: str) -> str:
-    path = entry.files[name]
+def _hash(entry: ShapeEntry, name: str, path: Path) -> str:
     try:
         return file_hash(path)
     except OSError as error:

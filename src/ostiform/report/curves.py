@@ -1,7 +1,8 @@
 """The curves of the evidence: variance, residues, specificity, convergence (HY Fig. 4)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,9 +10,23 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ostiform.arrays import FloatArray
-from ostiform.report.style import COLOURS, KIND_NAMES, PART_COLOURS, figure, styled
+from ostiform.evaluation import VolumeCurve
+from ostiform.report.style import (
+    COLOURS,
+    KIND_NAMES,
+    MARKERS,
+    MM3_PER_ML,
+    PART_COLOURS,
+    SUBJECT_COLOURS,
+    figure,
+    styled,
+)
 
-__all__ = ["Band", "convergence_figure", "evidence_figure", "scores_figure"]
+__all__ = ["Band", "convergence_figure", "evidence_figure", "scores_figure", "volumes_figure"]
+
+MODES_DRAWN = 15
+LABELLED_SUBJECTS = 8
+"""More names than this do not fit into a legend."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,39 +47,39 @@ class Band:
 
 
 def evidence_figure(
-    variance: Mapping[str, FloatArray],
+    variance: Mapping[str, Band],
     residue: Mapping[str, Band],
     specificity: Mapping[str, Band],
 ) -> Figure:
     """Draw cumulative variance, left-out residue and specificity of the three models (HY Fig. 4).
 
+    Only the first `MODES_DRAWN` modes are drawn; the curves are flat after them.
+
     Parameters
     ----------
-    variance : mapping of kind to (K,) float64, mm^2
+    variance : mapping of kind to Band, mm^2
         Cumulative variance after 1, 2, ... modes.
     residue : mapping of kind to Band, mm
-        Surface residue of left-out shapes.
+        Surface residue of left-out shapes; without any the panel is left out.
     specificity : mapping of kind to Band, mm
     """
+    panels = [
+        ("Compactness", "cumulative variance (mm² per point)", variance),
+        ("Generalisation", "surface residue, left out (mm)", residue),
+        ("Specificity", "distance to the nearest shape (mm)", specificity),
+    ]
+    drawn = [panel for panel in panels if panel[2]]
     with styled():
-        drawing = figure(190.0, 62.0)
-        first, second, third = drawing.subplots(1, 3)
-        for kind, cumulative in variance.items():
-            modes = np.arange(1, len(cumulative) + 1)
-            first.plot(modes, cumulative, color=COLOURS[kind], label=KIND_NAMES[kind], marker=".")
-        first.set_title("Compactness")
-        first.set_ylabel("cumulative variance (mm$^2$ per point)")
-        first.set_ylim(bottom=0.0)
-        first.legend()
-        _bands(second, residue)
-        second.set_title("Generalisation")
-        second.set_ylabel("surface residue, left out (mm)")
-        _bands(third, specificity)
-        third.set_title("Specificity")
-        third.set_ylabel("distance to nearest shape (mm)")
-        for axes in (first, second, third):
+        drawing = figure(63.0 * len(drawn), 72.0)
+        grid = drawing.subplots(1, len(drawn), squeeze=False)[0]
+        for axes, (title, label, bands) in zip(grid, drawn, strict=True):
+            _bands(axes, bands)
+            axes.set_title(title)
+            axes.set_ylabel(label)
             axes.set_xlabel("modes")
-            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+        handles, labels = grid[0].get_legend_handles_labels()
+        drawing.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return drawing
 
 
@@ -115,7 +130,7 @@ def scores_figure(
         Share of the total variance of each mode.
     """
     with styled():
-        drawing = figure(95.0, 85.0)
+        drawing = figure(120.0, 85.0)
         axes = drawing.subplots()
         names = list(dict.fromkeys(subjects))
         second = min(1, scores.shape[1] - 1)
@@ -123,27 +138,74 @@ def scores_figure(
             own = np.flatnonzero(np.array(subjects) == name)
             own = own[np.argsort(times[own])]
             closed = np.append(own, own[0])
-            colour = PART_COLOURS[index % len(PART_COLOURS)]
-            label = name if len(names) <= 8 else None
-            axes.plot(scores[closed, 0], scores[closed, second], color=colour, linewidth=0.8)
-            axes.scatter(scores[own, 0], scores[own, second], s=14, color=colour, label=label)
+            look = {"marker": "."} | _look(index, len(names))
+            axes.plot(scores[closed, 0], scores[closed, second], label=name, **look)
         axes.set_xlabel(f"mode 1 (sd; {100 * share[0]:.0f} % of the variance)")
         axes.set_ylabel(f"mode {second + 1} (sd; {100 * share[second]:.0f} %)")
         axes.set_aspect("equal", adjustable="datalim")
-        if len(names) <= 8:
-            axes.legend()
+        if len(names) <= LABELLED_SUBJECTS:
+            drawing.legend(loc="outside right upper")
     return drawing
+
+
+def volumes_figure(curves: Sequence[VolumeCurve]) -> Figure:
+    """Draw the volumes of every part over the cycle, one line per subject.
+
+    Parameters
+    ----------
+    curves : sequence of VolumeCurve
+        At least one.
+    """
+    parts = list(dict.fromkeys(curve.part for curve in curves))
+    subjects = list(dict.fromkeys(curve.subject for curve in curves))
+    with styled():
+        drawing = figure(max(85.0 * len(parts), 100.0), 75.0)
+        grid = drawing.subplots(1, len(parts), squeeze=False)[0]
+        for axes, part in zip(grid, parts, strict=True):
+            for curve in curves:
+                if curve.part != part:
+                    continue
+                look = _look(subjects.index(curve.subject), len(subjects))
+                axes.plot(
+                    np.append(curve.times, curve.times[0] + 1.0),
+                    np.append(curve.volumes, curve.volumes[0]) / MM3_PER_ML,
+                    label=curve.subject,
+                    **look,
+                )
+            axes.set_title(part)
+            axes.set_xlabel("time (fraction of the cycle)")
+            axes.set_ylabel("volume (ml)")
+            axes.set_ylim(bottom=0.0)
+            axes.set_xlim(left=0.0)
+        if len(subjects) <= LABELLED_SUBJECTS:
+            handles, labels = grid[0].get_legend_handles_labels()
+            drawing.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
+    return drawing
+
+
+def _look(index: int, count: int) -> dict[str, Any]:
+    """Line of one of several subjects: colour and marker tell them apart, in print too."""
+    if count > LABELLED_SUBJECTS:
+        return {"color": PART_COLOURS[5], "linewidth": 0.8, "alpha": 0.6}
+    return {
+        "color": SUBJECT_COLOURS[index % len(SUBJECT_COLOURS)],
+        "marker": MARKERS[index % len(MARKERS)],
+        "markersize": 3.5,
+        "linewidth": 1.1,
+    }
 
 
 def _bands(axes: Axes, bands: Mapping[str, Band]) -> None:
     for kind, band in bands.items():
-        axes.plot(band.modes, band.mean, color=COLOURS[kind], label=KIND_NAMES[kind], marker=".")
+        shown = band.modes <= MODES_DRAWN
+        modes, mean, half = band.modes[shown], band.mean[shown], band.half_width[shown]
+        axes.plot(modes, mean, color=COLOURS[kind], label=KIND_NAMES[kind], marker=".")
         axes.fill_between(
-            band.modes,
-            band.mean - band.half_width,
-            band.mean + band.half_width,
+            modes,
+            mean - half,
+            mean + half,
             color=COLOURS[kind],
-            alpha=0.15,
+            alpha=0.12,
             linewidth=0.0,
         )
     axes.set_ylim(bottom=0.0)

@@ -6,31 +6,28 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence import Correspondence
-from ostiform.domain import triangle_quality
-from ostiform.evaluation import Comparison, Evaluation, Generalisation
-from ostiform.model import ShapeModel
-from ostiform.report.curves import Band, convergence_figure, evidence_figure, scores_figure
+from ostiform.evaluation import (
+    Comparison,
+    Evaluation,
+    GainInterval,
+    Generalisation,
+)
+from ostiform.report.curves import Band, evidence_figure
 from ostiform.report.html import Fact, Picture, Section, Table
-from ostiform.report.modes import modes_figure
-from ostiform.report.style import KIND_NAMES
+from ostiform.report.style import KIND_NAMES, percent
 
 __all__ = [
-    "correspondence_section",
     "evidence_section",
     "headline",
-    "modes_section",
-    "scores_section",
-    "template_section",
 ]
 
-MODES_SHOWN = 3
 CONFIDENCE = 0.95
 
 
 def headline(
     evaluations: Mapping[str, Evaluation],
     comparisons: Sequence[Comparison],
+    intervals: Mapping[str, GainInterval],
     n_certified: int,
     n_shapes: int,
 ) -> tuple[Fact, ...]:
@@ -41,46 +38,100 @@ def headline(
     evaluations : mapping of kind to Evaluation
     comparisons : sequence of Comparison
         Of the optimal model with each of the others.
+    intervals : mapping of kind to GainInterval
+        Of the gains over the other models, where there are enough subjects.
     n_certified, n_shapes : int
         Shapes whose maps are certified, and shapes of the study.
     """
     optimal = evaluations["optimal"]
     subjects = len({shape.subject for shape in optimal.ids})
     facts = [
-        Fact("shapes in the model", f"{len(optimal.ids)} of {subjects} subjects"),
+        Fact("shapes in the model", str(len(optimal.ids)), note=f"of {_counted(subjects)}"),
         Fact(
             "maps certified free of folds",
-            f"{n_certified} of {n_shapes} shapes",
+            f"{n_certified} of {n_shapes}",
             n_certified == n_shapes,
+            "every triangle, in exact arithmetic",
         ),
     ]
     for comparison in comparisons:
-        paper = "" if comparison.paper_gain is None else f" (paper: {comparison.paper_gain:.0%})"
+        word = "less" if comparison.variance_gain >= 0.0 else "more"
+        notes = []
+        if comparison.other in intervals:
+            found = intervals[comparison.other]
+            notes.append(f"95 % interval {percent(found.low)} to {percent(found.high)} %")
+        if comparison.paper_gain is not None:
+            notes.append(f"{comparison.paper_gain:.0%} in the paper".replace("%", " %"))
         facts.append(
             Fact(
-                f"more compact than {KIND_NAMES[comparison.other]}",
-                f"{comparison.variance_gain:.0%}{paper}",
+                f"variance against the {KIND_NAMES[comparison.other]} model",
+                f"{abs(100 * comparison.variance_gain):.1f} % {word}",
+                note="; ".join(notes),
             )
         )
     if optimal.generalisation is not None:
-        residue = optimal.generalisation.surface_mean[:, 1:].mean()
-        facts.append(Fact("left-out surface residue, mean over modes", f"{residue:.2f} mm"))
-    furthest = max(item.maximum / item.diameter for item in optimal.coverage)
-    facts.append(Fact("largest distance to the sampled surface", f"{furthest:.2%} of the diameter"))
+        counts = optimal.generalisation.mode_counts
+        residue = optimal.generalisation.surface_mean[:, counts > 0].mean()
+        facts.append(
+            Fact(
+                "surface residue of left-out shapes",
+                f"{residue:.2f} mm",
+                note=f"mean over {int(counts[counts > 0].min())} to {int(counts.max())} modes",
+            )
+        )
+    worst = max(range(len(optimal.ids)), key=lambda i: optimal.coverage[i].relative_maximum)
+    facts.append(
+        Fact(
+            "furthest from the sampled surface",
+            f"{100 * optimal.coverage[worst].relative_maximum:.2f} %",
+            note=f"of the diameter; shape {optimal.ids[worst]}",
+        )
+    )
     if optimal.truth is not None:
-        facts.append(Fact("distance to the true correspondence", f"{optimal.truth.mean:.2f} mm"))
+        facts.append(
+            Fact(
+                "distance to the true correspondence",
+                f"{optimal.truth.mean:.2f} mm",
+                note=f"mean; 95 % below {optimal.truth.p95:.2f} mm",
+            )
+        )
     return tuple(facts)
 
 
+def _counted(subjects: int) -> str:
+    return "1 subject" if subjects == 1 else f"{subjects} subjects"
+
+
 def evidence_section(
-    evaluations: Mapping[str, Evaluation], comparisons: Sequence[Comparison]
+    evaluations: Mapping[str, Evaluation],
+    comparisons: Sequence[Comparison],
+    intervals: Mapping[str, GainInterval],
+    variance_errors: Mapping[str, FloatArray],
 ) -> Section:
-    """Return the comparison of the three models (HY Fig. 4)."""
+    """Return the comparison of the three models (HY Fig. 4).
+
+    Parameters
+    ----------
+    evaluations : mapping of kind to Evaluation
+    comparisons : sequence of Comparison
+        Of the optimal model with each of the others.
+    intervals : mapping of kind to GainInterval
+        Of the gains over the other models, where there are enough subjects.
+    variance_errors : mapping of kind to (K,) float64, mm^2
+        Half-width of the interval of each cumulative variance.
+    """
     pictures = [
         Picture(
             "evidence",
             evidence_figure(
-                {kind: item.compactness.cumulative for kind, item in evaluations.items()},
+                {
+                    kind: Band(
+                        np.arange(1.0, len(item.compactness.variances) + 1.0),
+                        item.compactness.cumulative,
+                        variance_errors[kind],
+                    )
+                    for kind, item in evaluations.items()
+                },
                 {
                     kind: _residue_band(item.generalisation, [s.subject for s in item.ids])
                     for kind, item in evaluations.items()
@@ -97,7 +148,8 @@ def evidence_section(
             ),
             "Analysis of variance, leave-one-subject-out residue (mean surface distance, both "
             "ways) and specificity of the three models (compare Fig. 4 of the paper). Bands: 95 % "
-            "t interval over subjects for the residue, sampling error for the specificity.",
+            "intervals over subjects, by the jackknife for the variance and t for the residue; "
+            "sampling error for the specificity.",
             "Curves over the number of modes for the conformal, minimum Euclidean and optimal "
             "model; the same numbers are in the tables below.",
         )
@@ -118,150 +170,8 @@ def evidence_section(
         (
             _model_table(evaluations),
             *([_residue_table(evaluations)] if some is not None else []),
-            _gain_table(comparisons),
+            _gain_table(comparisons, intervals),
         ),
-    )
-
-
-def modes_section(model: ShapeModel) -> Section:
-    """Return the mean shape and its first modes (HY Fig. 3)."""
-    share = model.variances / model.total_variance
-    shown = range(min(MODES_SHOWN, len(model.variances)))
-    return Section(
-        "modes",
-        "Modes of variation",
-        (
-            "The mean displaced by -3 to +3 standard deviations along each mode, from two sides "
-            "(compare Fig. 3 of the paper). Dark lines are the openings.",
-        ),
-        tuple(
-            Picture(
-                f"mode{mode + 1}",
-                modes_figure(model, mode),
-                f"Mode {mode + 1}: {share[mode]:.1%} of the variance, standard deviation "
-                f"{np.sqrt(model.variances[mode]):.2f} mm per point.",
-                f"Five shaded surfaces in two rows: the mean shape and its displacement along "
-                f"mode {mode + 1}.",
-                is_vector=False,
-            )
-            for mode in shown
-        ),
-    )
-
-
-def scores_section(model: ShapeModel, scores: FloatArray, evaluation: Evaluation) -> Section:
-    """Return where the shapes lie in the space of the first modes."""
-    subjects = [shape.subject for shape in evaluation.ids]
-    times = np.array([shape.time for shape in evaluation.ids])
-    standard = scores / np.sqrt(np.maximum(model.variances, np.finfo(float).tiny))
-    share = model.variances / model.total_variance
-    return Section(
-        "scores",
-        "The shapes in the model",
-        (),
-        (
-            Picture(
-                "scores",
-                scores_figure(standard, subjects, times, share),
-                "Scores of the first two modes; the phases of a subject are joined in order of "
-                "time, so that each loop is a cycle.",
-                "Scatter of the shapes, one closed line per subject.",
-            ),
-        ),
-    )
-
-
-def template_section(correspondence: Correspondence, evaluation: Evaluation) -> Section:
-    """Return how even the template is and how it covers the shapes."""
-    template = correspondence.template
-    domain = triangle_quality(template.points, template.faces)
-    mean = triangle_quality(correspondence.aligned.mean(axis=0), template.faces)
-    rows = [
-        (
-            name,
-            f"{quality.worst:.2f}",
-            f"{quality.mean:.2f}",
-            f"{quality.min_angle:.1f}",
-        )
-        for name, quality in (("on the base domain", domain), ("on the mean shape", mean))
-    ]
-    worst = max(range(len(evaluation.ids)), key=lambda i: evaluation.coverage[i].maximum)
-    item = evaluation.coverage[worst]
-    return Section(
-        "template",
-        "Template",
-        (
-            f"{len(template.points)} points and {len(template.faces)} triangles, "
-            f"{len(template.levels)} coarser levels. The surface of shape "
-            f"{evaluation.ids[worst]} is covered worst: its furthest vertex lies "
-            f"{item.maximum:.2f} mm from the sampled surface, {item.maximum / item.diameter:.2%} "
-            "of its diameter.",
-        ),
-        (),
-        (
-            Table(
-                "Triangle quality (eq. 2 of the paper, 1 for an equilateral triangle)",
-                ("triangles", "worst", "mean", "smallest angle (deg)"),
-                tuple(rows),
-            ),
-        ),
-    )
-
-
-def correspondence_section(
-    history: Sequence[Mapping[str, float]],
-    statuses: Sequence[str],
-    n_interior: int,
-    n_boundary: int,
-) -> Section:
-    """Return how the optimisation went.
-
-    Parameters
-    ----------
-    history : sequence of mapping
-        `SweepRecord` as plain values.
-    statuses : sequence of str
-        How each level ended.
-    n_interior, n_boundary : int
-        Control points of the finest level.
-    """
-    seconds = np.cumsum([record["seconds"] for record in history])
-    levels = np.array([record["level"] for record in history], dtype=float)
-    objective = np.array([record["objective"] for record in history])
-    finer = levels > 1
-    pictures = []
-    if finer.any():
-        pictures.append(
-            Picture(
-                "convergence",
-                convergence_figure(
-                    seconds[finer],
-                    objective[finer],
-                    levels[finer],
-                    "description length + penalty",
-                ),
-                "Objective after every sweep over all shapes, against processor time; level 1 "
-                "minimises another objective and is not drawn.",
-                "Falling curves, one per level.",
-            )
-        )
-    rows = tuple(
-        (
-            str(level),
-            str(sum(record["level"] == level for record in history) - 1),
-            status,
-        )
-        for level, status in enumerate(statuses, start=1)
-    )
-    return Section(
-        "correspondence",
-        "Correspondence",
-        (
-            f"{n_interior} control points in the interior and {n_boundary} on the boundaries "
-            "(the paper ends with 10, those on the boundaries not counted).",
-        ),
-        tuple(pictures),
-        (Table("How each level ended", ("level", "sweeps", "ended because"), rows),),
     )
 
 
@@ -325,33 +235,37 @@ def _residue_table(evaluations: Mapping[str, Evaluation]) -> Table:
     )
 
 
-def _gain_table(comparisons: Sequence[Comparison]) -> Table:
+def _gain_table(comparisons: Sequence[Comparison], intervals: Mapping[str, GainInterval]) -> Table:
     rows = []
     for item in comparisons:
-        paper = "" if item.paper_gain is None else f"{item.paper_gain:.0%}"
+        paper = "" if item.paper_gain is None else f"{100 * item.paper_gain:.0f} %"
         difference, worst = "", ""
         if item.residues is not None:
             paired = item.residues.surface_over_modes
-            interval = "" if paired.low is None else f" ({paired.low:+.3f} to {paired.high:+.3f})"
-            difference = f"{paired.mean:+.3f}{interval}"
+            interval = (
+                ""
+                if paired.low is None or paired.high is None
+                else f" ({_signed(paired.low)} to {_signed(paired.high)})"
+            )
+            difference = f"{_signed(paired.mean)}{interval}"
             worst = f"{item.residues.worst_ratio:.3f}"
         truth = item.truth_ratio.get("all")
         rows.append(
             (
                 KIND_NAMES[item.other],
-                f"{item.variance_gain:.1%}",
+                f"{percent(item.variance_gain)} %{_interval_text(intervals.get(item.other))}",
                 paper,
-                f"{item.description_length_difference:+.2f}",
+                _signed(item.description_length_difference, 2),
                 difference,
                 worst,
                 "" if truth is None else f"{truth:.3f}",
             )
         )
     return Table(
-        "The optimal model against the others (differences: other - optimal)",
+        "The optimal model against the others (differences: the other minus the optimal)",
         (
             "against",
-            "variance gain",
+            "variance gain (95 % interval)",
             "in the paper",
             "description length",
             "residue, 1 to 10 modes (mm, 95 % interval)",
@@ -360,3 +274,13 @@ def _gain_table(comparisons: Sequence[Comparison]) -> Table:
         ),
         tuple(rows),
     )
+
+
+def _signed(value: float, digits: int = 3) -> str:
+    return f"{value:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _interval_text(interval: GainInterval | None) -> str:
+    if interval is None:
+        return ""
+    return f" ({percent(interval.low)} to {percent(interval.high)})"

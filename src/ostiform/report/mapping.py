@@ -23,7 +23,15 @@ STATE_NAMES = {
     "harmonic": "harmonic",
     "conformal": "conformal",
     "equator": "seam on its circle",
+    "joint": "parts together",
+    "start": "filled holes",
 }
+
+INNERMOST = 0.8
+"""An opening lies inside the disc of radius 1 if all of it is within this radius."""
+
+ZOOM_MARGIN = 1.5
+"""Side of the enlarged square over the extent of the openings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +81,10 @@ def maps_section(shapes: Sequence[ShapeMaps], view: StateView, label: str) -> Se
     label : str
         Of that shape.
     """
-    ours = map_figure(_panels(view, view.embedding.states, with_controls=True))
-    paper = map_figure(_panels(view, view.paper, with_controls=False))
+    panels = _panels(view, view.embedding.states, with_controls=True)
+    zoom = _around_openings(panels[-1])
+    ours = map_figure(panels, zoom)
+    paper = map_figure(_panels(view, view.paper, with_controls=False), zoom)
     final = view.paper[-1]
     ratio = max(view.embedding.distortion.circle_ratio.values(), default=1.0)
     folded = (
@@ -88,7 +98,8 @@ def maps_section(shapes: Sequence[ShapeMaps], view: StateView, label: str) -> Se
         (
             f"Part {view.part} of shape {label} in the stereographic plane, step by step (compare "
             "Fig. 2 of the paper). Orange triangles are turned over; blue lines are openings and "
-            "seams; dots are the control points of the correspondence.",
+            "seams; dots are the control points of the correspondence. The lower row enlarges the "
+            "dashed square around the openings.",
             "The paper's own chain (fixed circles, untangling by the least area, smoothing, "
             f"harmonic descent) on the same mesh is shown below: {folded}. The widest circle has "
             f"{ratio:.1f} times the radius its opening gets in the conformal map of the surface "
@@ -99,7 +110,8 @@ def maps_section(shapes: Sequence[ShapeMaps], view: StateView, label: str) -> Se
             Picture(
                 "maps",
                 ours,
-                f"The map that is used: {view.embedding.method}.",
+                f"The map that is used, step by step (method: {view.embedding.method}); "
+                f"{len(panels[0].faces)} triangles.",
                 "Flattened meshes, one per step; the number of triangles turned over is above "
                 "each.",
                 is_vector=False,
@@ -124,10 +136,28 @@ def run_section(facts: Mapping[str, str], notes: Sequence[tuple[str, str]]) -> S
     Parameters
     ----------
     facts : mapping of str to str
+        Names that begin with ``settings:`` or ``circle`` go into tables of their own.
     notes : sequence of (str, str)
         Shape, and what was repaired or why it was left out.
     """
-    tables = [Table("Settings and versions", ("name", "value"), tuple(facts.items()))]
+    groups: dict[str, dict[str, str]] = {
+        "Versions and inputs": {},
+        "Settings": {},
+        "Circles of the base domain": {},
+    }
+    for name, value in facts.items():
+        kind, _, rest = name.partition(" ")
+        if kind == "settings:":
+            groups["Settings"][rest] = value
+        elif kind == "circle":
+            groups["Circles of the base domain"][rest] = value
+        else:
+            groups["Versions and inputs"][name] = value
+    tables = [
+        Table(title, ("name", "value"), tuple(group.items()))
+        for title, group in groups.items()
+        if group
+    ]
     if notes:
         tables.append(Table("Repairs and shapes left out", ("shape", "what"), tuple(notes)))
     return Section("run", "What was run", (), (), tuple(tables))
@@ -165,6 +195,21 @@ def _panels(
             )
         )
     return panels
+
+
+def _around_openings(panel: MapPanel) -> FloatArray | None:
+    """Centre and half side of a square around the openings inside the disc; None without any."""
+    inner = [
+        panel.points[curve]
+        for curve in panel.curves
+        if np.linalg.norm(panel.points[curve], axis=1).max() < INNERMOST
+    ]
+    if not inner:
+        return None
+    seen = np.vstack(inner)
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    half = ZOOM_MARGIN * 0.5 * float((high - low).max())
+    return None if half > INNERMOST else np.array([*(0.5 * (low + high)), half])
 
 
 def _away_from_pole(directions: FloatArray) -> FloatArray:
@@ -225,7 +270,7 @@ def _quality_table(shapes: Sequence[ShapeMaps]) -> Table:
             "turned over + degenerate",
             "angle, mean",
             "angle, 99 %",
-            "area share, 1 to 99 %",
+            "sphere / surface area, 1 to 99 %",
             "largest twist (deg)",
             "widest circle / conformal",
             "time (s)",

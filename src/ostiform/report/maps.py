@@ -20,6 +20,7 @@ from ostiform.report.style import (
     PRINT_DPI,
     figure,
     grid_of_panels,
+    plain_figure,
     styled,
 )
 
@@ -27,11 +28,12 @@ __all__ = ["MapPanel", "distortion_figure", "map_figure"]
 
 WIDEST = 3.0  # radius of the disc shown, times the 98 % radius of the opening's neighbourhood
 PANEL_MM = 40.0
-TITLE_MM = 11.0
+GAP_MM = 2.0
+TITLE_MM = 10.0
 EDGE_PIXELS = 1.1
 UPRIGHT = "#EEF3F6"
 UPRIGHT_EDGE = "#6A7B88"
-FLIPPED_EDGE = "#7A2E00"
+FLIPPED_EDGE = "#B84A00"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,15 +73,14 @@ def map_figure(panels: Sequence[MapPanel], zoom: FloatArray | None = None) -> Fi
     """
     rows = 1 if zoom is None else 2
     with styled():
-        drawing = figure(PANEL_MM * len(panels), PANEL_MM * rows + TITLE_MM, layout="none")
-        grid = grid_of_panels(drawing, rows, len(panels), PANEL_MM, PANEL_MM, TITLE_MM)
+        cell = PANEL_MM + GAP_MM
+        drawing = plain_figure(cell * len(panels), cell * rows + TITLE_MM)
+        grid = grid_of_panels(drawing, rows, len(panels), PANEL_MM, PANEL_MM, TITLE_MM, GAP_MM)
         for column, panel in enumerate(panels):
             reach = _reach(panel)
             _draw_map(grid[0][column], panel, np.array([-reach, reach, -reach, reach]))
             flips = int(panel.flipped.sum())
-            grid[0][column].set_title(
-                f"{panel.title}\n{flips} of {len(panel.faces)} turned over", pad=3.0
-            )
+            grid[0][column].set_title(f"{panel.title}\n{flips} turned over", pad=3.0)
             if zoom is not None:
                 x, y, radius = zoom
                 window = np.array([x - radius, x + radius, y - radius, y + radius])
@@ -115,7 +116,7 @@ def distortion_figure(
             right.vlines(order, area[index][:, 0], area[index][:, 1], color=colour, linewidth=2.0)
             start += len(area[index])
         left.set_title("Angles")
-        left.set_xlabel("median $\\sigma_1/\\sigma_2$ of a map")
+        left.set_xlabel("median σ₁/σ₂ of a map")
         left.set_ylabel("maps")
         left.yaxis.set_major_locator(MaxNLocator(integer=True))
         right.set_title("Areas")
@@ -125,7 +126,7 @@ def distortion_figure(
         right.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         right.yaxis.set_minor_formatter(NullFormatter())
         right.set_xlabel("map, in the order of the study")
-        right.set_ylabel("area share against the mean,\n1 % to 99 % of the triangles")
+        right.set_ylabel("share of the sphere / of the surface,\n1 % to 99 % of the triangles")
         if len(labels) > 1:
             drawing.legend(loc="outside upper center", ncols=len(labels))
     return drawing

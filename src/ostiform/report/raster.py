@@ -101,7 +101,7 @@ def rasterised(
     finite = np.isfinite(placed).all(axis=(1, 2))
     edges = np.zeros((len(corners), 3)) if edge_colour is None else edge_colour
     half_width = 0.0 if edge_colour is None else 0.5 * edge_width * SUPERSAMPLES
-    image = np.full((rows, columns, 3), BACKGROUND)
+    image = np.full((rows, columns, 3), BACKGROUND, dtype=np.float32)
     nearness = np.full((rows, columns), -np.inf)
     _fill(
         placed[finite],
@@ -111,8 +111,8 @@ def rasterised(
         image,
         nearness,
     )
-    averaged = image.reshape(height, SUPERSAMPLES, width, SUPERSAMPLES, 3).mean(axis=(1, 3))
-    pixels = np.round(255.0 * np.clip(averaged, 0.0, 1.0)).astype(np.uint8)
+    pixels = np.empty((height, width, 3), dtype=np.uint8)
+    _average(image, pixels)
     return Raster(pixels, nearness, np.asarray(extent, dtype=np.float64))
 
 
@@ -122,7 +122,7 @@ def _fill(
     colours: FloatArray,
     edge_colours: FloatArray,
     half_width: float,
-    image: FloatArray,
+    image: np.ndarray,
     nearness: FloatArray,
 ) -> None:
     """Fill `image` and `nearness` in place; the centre of pixel (0, 0) is at (0.5, 0.5)."""
@@ -171,3 +171,19 @@ def _fill(
                     image[row, column, channel] = (1.0 - line) * value + line * edge_colours[
                         f, channel
                     ]
+
+
+@njit(cache=True)
+def _average(image: np.ndarray, pixels: np.ndarray) -> None:
+    """Fill `pixels` (H, W, 3) with the means of the samples (H S, W S, 3), 0 to 1, as bytes."""
+    height, width, _ = pixels.shape
+    samples = image.shape[0] // height
+    scale = 255.0 / (samples * samples)
+    for row in range(height):
+        for column in range(width):
+            for channel in range(3):
+                total = 0.0
+                for i in range(samples):
+                    for j in range(samples):
+                        total += image[row * samples + i, column * samples + j, channel]
+                pixels[row, column, channel] = int(min(255.0, max(0.0, scale * total)) + 0.5)

@@ -94,9 +94,13 @@ def shaded_surface(
     seen = view.seen(vertices)
     corners = seen[faces]  # (F, 3 corners, 3)
     spanned = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # (F, 3)
-    normals = np.zeros_like(seen)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], spanned)
+    normals = np.stack(
+        [
+            np.bincount(faces.T.ravel(), np.tile(spanned[:, axis], 3), minlength=len(seen))
+            for axis in range(3)
+        ],
+        axis=1,
+    )  # (V, 3): area-weighted sum over the triangles of each vertex
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1), SMALLEST_NORM)[:, None]
     light = LIGHT / np.linalg.norm(LIGHT)
     inside = spanned[:, 2] < 0  # (F,)

@@ -16,11 +16,16 @@ __all__ = [
     "COLOURS",
     "FLIPPED",
     "KIND_NAMES",
+    "MARKERS",
+    "MM3_PER_ML",
     "PART_COLOURS",
     "PRINT_DPI",
+    "SUBJECT_COLOURS",
     "figure",
     "grid_of_panels",
     "part_colours",
+    "percent",
+    "plain_figure",
     "styled",
 ]
 
@@ -40,7 +45,10 @@ KIND_NAMES: Final = {
     "optimal": "optimal",
 }
 PART_COLOURS: Final = ("#CC79A7", "#56B4E9", "#E69F00", "#009E73", "#F0E442", "#0072B2")
+SUBJECT_COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 FLIPPED: Final = "#D55E00"
+MM3_PER_ML: Final = 1000.0
 
 SETTINGS: Final[dict[Any, Any]] = {
     "font.size": 9,
@@ -53,7 +61,9 @@ SETTINGS: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "ostiform",
     "pdf.fonttype": 42,
+    "pdf.compression": 4,
     "figure.dpi": 110,
+    "text.parse_math": False,  # a dollar in a name is a dollar
 }
 
 
@@ -64,9 +74,17 @@ def styled() -> Iterator[None]:
         yield
 
 
-def figure(width_mm: float, height_mm: float, layout: str = "constrained") -> Figure:
-    """Return an empty figure of a print size, drawn without any window system."""
-    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout=layout)
+def figure(width_mm: float, height_mm: float) -> Figure:
+    """Return an empty figure of a print size that lays out its axes itself.
+
+    No window system is needed.
+    """
+    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4), layout="constrained")
+
+
+def plain_figure(width_mm: float, height_mm: float) -> Figure:
+    """Return an empty figure of a print size whose axes stay where they are put."""
+    return Figure(figsize=(width_mm / 25.4, height_mm / 25.4))
 
 
 def grid_of_panels(
@@ -76,19 +94,22 @@ def grid_of_panels(
     width_mm: float,
     height_mm: float,
     title_mm: float,
+    gap_mm: float = 0.0,
 ) -> list[list[Axes]]:
-    """Return axes without ticks that tile a figure, below a strip for titles.
+    """Return axes of ``width_mm`` by ``height_mm`` that tile a figure, below a strip for titles.
 
-    The figure must be ``columns * width_mm`` wide and ``rows * height_mm + title_mm`` high.
+    The figure must be ``columns * (width_mm + gap_mm)`` wide and
+    ``rows * (height_mm + gap_mm) + title_mm`` high; half of the gap is on each side of the axes.
     """
-    high = rows * height_mm + title_mm
+    wide = columns * (width_mm + gap_mm)
+    high = rows * (height_mm + gap_mm) + title_mm
     return [
         [
             drawing.add_axes(
                 (
-                    column / columns,
-                    (rows - 1 - row) * height_mm / high,
-                    1.0 / columns,
+                    (column * (width_mm + gap_mm) + 0.5 * gap_mm) / wide,
+                    ((rows - 1 - row) * (height_mm + gap_mm) + 0.5 * gap_mm) / high,
+                    width_mm / wide,
                     height_mm / high,
                 )
             )
@@ -103,3 +124,8 @@ def part_colours(face_part: IntArray) -> FloatArray:
     palette = np.array([to_rgb(colour) for colour in PART_COLOURS])
     chosen: FloatArray = palette[face_part % len(palette)]
     return chosen
+
+
+def percent(share: float) -> str:
+    """Return a share as percent, without the sign for it."""
+    return f"{100 * share:.1f}".replace("-", "\N{MINUS SIGN}")

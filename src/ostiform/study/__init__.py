@@ -7,6 +7,7 @@ from ostiform.study.demonstration import (
 )
 from ostiform.study.naming import LoopFacts, loop_facts, named_loops
 from ostiform.study.population import PopulationNames, ShapeNames, named_population
+from ostiform.study.proposal import proposed_study
 from ostiform.study.reading import part_facts, read_shape, survey_shape
 from ostiform.study.settings import (
     CircleSettings,
@@ -39,6 +40,7 @@ __all__ = [
     "natural_key",
     "parsed_settings",
     "part_facts",
+    "proposed_study",
     "read_settings",
     "read_shape",
     "read_study",

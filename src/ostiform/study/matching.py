@@ -23,6 +23,11 @@ LARGEST_TRIAL = 50_000
 _CANDIDATES = 24
 """Ways whose surfaces are compared."""
 
+_OUT_OF_REACH = 9.0
+_OPEN_SHARE = 0.01
+"""Nor are ways whose landmarks alone misfit three times worse than the best, and by more than a
+tenth of the square root of the area; the second best is always compared."""
+
 _CLOSEST_POINT_ROUNDS = 3
 
 _NOISE = 0.01
@@ -209,7 +214,9 @@ def _costs(
     placed = np.einsum("nij,nlj->nli", rotation, trial.moving) + shift[:, None]
     costs = ((placed - trial.fixed) ** 2).sum(axis=2).mean(axis=1) + trial.radius_misfit
     total = np.full(len(costs), np.inf)
-    for k in np.argsort(costs, kind="stable")[:_CANDIDATES].tolist():
+    order = np.argsort(costs, kind="stable")[:_CANDIDATES]
+    limit = max(_OUT_OF_REACH * float(costs.min()), _OPEN_SHARE * reference.area)
+    for k in order[(costs[order] <= limit) | (np.arange(len(order)) < 2)].tolist():
         total[k] = costs[k] + _surface_misfit(rotation[k], shift[k], samples, reference, tree)
     return total
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_mapping
 from ostiform.errors import InputError, TopologyError
+from ostiform.study.markups import Cut, cut_heights
 from ostiform.study.naming import loop_facts
 from ostiform.study.settings import StudySettings
 from ostiform.surface import (
@@ -17,20 +18,22 @@ from ostiform.surface import (
     face_areas,
     genus,
     opened_by_value,
-    read_mesh,
     split_ostium_name,
     without_unreferenced,
 )
+from ostiform.surface.cutting import tube_cut
 from ostiform.surface.intersections import crossing_triangles
 from ostiform.surface.loop_filling import filled_loops
 from ostiform.surface.repair import MendedMesh, counted, mended_mesh, outward_mesh
+from ostiform.surface.topology import boundary_half_edges
 
 __all__ = [
     "OpenPart",
     "PartFacts",
+    "check_frame",
     "close_loops",
+    "face_values",
     "internal_factors",
-    "open_part",
     "opened_part",
     "surface_facts",
 ]
@@ -89,33 +92,35 @@ def internal_factors(settings: StudySettings) -> FloatArray:
     return _MILLIMETRES[settings.units] * np.array(_TO_LPS[settings.frame])
 
 
-def open_part(settings: StudySettings, part: str, file: Path) -> OpenPart:
-    """Read one part and mend, open, orient and check its surface.
+def opened_part(
+    settings: StudySettings, part: str, file: Path, mesh: RawMesh, cuts: Mapping[str, Cut]
+) -> OpenPart:
+    """Mend, open, orient and check the surface of one part.
+
+    Parameters
+    ----------
+    settings : StudySettings
+    part : str
+    file : Path
+        Where the mesh comes from.
+    mesh : RawMesh
+        Millimetres in LPS.
+    cuts : mapping of str to Cut
+        By the ostia of the part.
 
     Raises
     ------
     InputError
-        If the file cannot be used, or needs repair where the study allows none.
+        If the mesh cannot be opened as told, or needs repair where the study allows none.
     TopologyError
         If the part is not one oriented manifold surface of genus 0.
     """
-    try:
-        mesh = read_mesh(file)
-        _check_frame(settings, mesh)
-        return opened_part(settings, part, file, mesh)
-    except (InputError, TopologyError) as error:
-        where = "" if str(file) in str(error) else f" ({file})"
-        raise type(error)(f"{part}{where}: {error}") from None
-
-
-def opened_part(settings: StudySettings, part: str, file: Path, mesh: RawMesh) -> OpenPart:
-    """Mend, open, orient and check the surface of one part.
-
-    Errors are those of `open_part`, without the file.
-    """
-    mended = mended_mesh(_unmended(mesh, internal_factors(settings)))
+    mended = mended_mesh(_unmended(mesh))
     mended, rims = _without_caps(settings, part, mesh, mended)
-    mended = outward_mesh(_largest_piece(mended))
+    mended = _largest_piece(mended)
+    for ostium, cut in cuts.items():
+        mended, rims[ostium] = _cut_open(ostium, cut, mended)
+    mended = outward_mesh(mended)
     handles = genus(mended.faces)
     if handles:
         raise TopologyError(
@@ -152,7 +157,7 @@ class PartFacts:
 
 def surface_facts(mesh: RawMesh) -> PartFacts:
     """Return what can be said of a mesh, mended as far as it can be."""
-    mended = _unmended(mesh, np.ones(3))
+    mended = _unmended(mesh)
     try:
         mended = mended_mesh(mended)
         n_openings: int | None = len(boundary_loops(mended.faces))
@@ -183,7 +188,13 @@ def close_loops(opened: OpenPart, chosen: IntArray, repair: str) -> OpenPart:
     )
 
 
-def _check_frame(settings: StudySettings, mesh: RawMesh) -> None:
+def check_frame(settings: StudySettings, mesh: RawMesh) -> None:
+    """Refuse a mesh whose file states another frame than the study's.
+
+    Raises
+    ------
+    InputError
+    """
     if mesh.space is not None and mesh.space != settings.frame:
         raise InputError(
             f"expected the frame {settings.frame} of the study, found a file that states "
@@ -191,11 +202,11 @@ def _check_frame(settings: StudySettings, mesh: RawMesh) -> None:
         )
 
 
-def _unmended(mesh: RawMesh, factors: FloatArray) -> MendedMesh:
+def _unmended(mesh: RawMesh) -> MendedMesh:
     n_unused = len(mesh.vertices) - len(np.unique(mesh.faces))
     unused = f"dropped {counted(n_unused, 'vertex', 'vertices')} of no triangle"
     return MendedMesh(
-        mesh.vertices * factors,
+        mesh.vertices,
         mesh.faces,
         np.arange(len(mesh.faces)),
         (*mesh.notes, *((unused,) if n_unused else ())),
@@ -204,7 +215,7 @@ def _unmended(mesh: RawMesh, factors: FloatArray) -> MendedMesh:
 
 def _without_caps(
     settings: StudySettings, part: str, mesh: RawMesh, mended: MendedMesh
-) -> tuple[MendedMesh, Mapping[str, IntArray]]:
+) -> tuple[MendedMesh, dict[str, IntArray]]:
     caps = {
         split_ostium_name(name)[1]: value
         for name, value in settings.caps.items()
@@ -212,18 +223,56 @@ def _without_caps(
     }
     if not caps:
         return mended, {}
-    array = str(settings.shapes.open["array"])
-    if array not in mesh.cell_data:
-        found = ", ".join(mesh.cell_data) or "none"
-        hint = " (it is a point array)" if array in mesh.point_data else ""
-        raise InputError(
-            f"expected the cell array {array} of shapes.open, found the cell arrays {found}{hint}"
-        )
-    values = mesh.cell_data[array]
+    values = face_values(mesh, str(settings.shapes.open["array"]), "shapes.open")
     own = np.where(mended.source >= 0, values[mended.source], np.nan)
     opened = opened_by_value(mended.faces, own, caps)
     is_wall = ~np.isin(own, list(caps.values()))
-    return replace(mended, faces=opened.faces, source=mended.source[is_wall]), opened.rims
+    without = replace(mended, faces=opened.faces, source=mended.source[is_wall])
+    return without, dict(opened.rims)
+
+
+def face_values(mesh: RawMesh, array: str, key: str) -> FloatArray:
+    """Return the values (F,) of a cell array, or of a point array where all corners agree.
+
+    Raises
+    ------
+    InputError
+        If the mesh has no such array of one number each.
+    """
+    if array in mesh.cell_data:
+        values = mesh.cell_data[array]
+    elif array in mesh.point_data:
+        corners = mesh.point_data[array][mesh.faces].astype(np.float64)
+        if corners.ndim == 2:
+            agree = (corners == corners[:, :1]).all(axis=1)
+            values = np.where(agree, corners[:, 0], np.nan)
+        else:
+            values = corners
+    else:
+        found = ", ".join(mesh.cell_data) or "none"
+        points = ", ".join(mesh.point_data) or "none"
+        raise InputError(
+            f"expected the cell array {array} of {key}, found the cell arrays {found} and the "
+            f"point arrays {points}"
+        )
+    if values.ndim != 1 or values.dtype.kind not in "iufb":
+        raise InputError(f"expected one number per item in the array {array}, found several")
+    return values.astype(np.float64)
+
+
+def _cut_open(ostium: str, cut: Cut, mesh: MendedMesh) -> tuple[MendedMesh, IntArray]:
+    """Return the mesh without what a cut takes off, and the vertices of the new rim."""
+    before = np.unique(boundary_half_edges(mesh.faces))
+    try:
+        opened = tube_cut(
+            mesh.vertices, mesh.faces, cut_heights(cut, mesh.vertices), cut.center, cut.reach
+        )
+    except (InputError, TopologyError) as error:
+        raise type(error)(f"cut of {ostium}: {error}") from None
+    after = np.unique(boundary_half_edges(opened.faces))
+    rim = np.setdiff1d(after, before)
+    cut_mesh = MendedMesh(opened.vertices, opened.faces, mesh.source[opened.source], mesh.repairs)
+    return cut_mesh, rim
 
 
 def _largest_piece(mesh: MendedMesh) -> MendedMesh:

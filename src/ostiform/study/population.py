@@ -172,8 +172,8 @@ def _of_other_size(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> d
         word = "smaller" if sizes[k] < usual else "larger"
         problems[survey.id] = (
             f"expected about {usual / scale:.3g} {settings.units} across as the other shapes "
-            f"are, found {sizes[k] / scale:.3g} {settings.units}, {ratio:,.0f} times {word}: its file is "
-            f'in other units than the study\'s (units = "{settings.units}"), convert it'
+            f"are, found {sizes[k] / scale:.3g} {settings.units}, {ratio:,.0f} times {word}: its "
+            f'file is in other units than the study\'s (units = "{settings.units}"), convert it'
         )
     return problems
 
@@ -200,7 +200,7 @@ def _wrong_count(naming: _Naming, survey: ShapeSurvey) -> str | None:
 
 def _stated(naming: _Naming, survey: ShapeSurvey) -> dict[str, dict[str, int]] | None:
     """Return the names of a shape whose openings are told apart without any other shape."""
-    points = naming.points(survey.id, own=True)
+    points = {**survey.points, **naming.points(survey.id, own=True)}
     return _by_points(naming, survey, points, 0.0)
 
 

@@ -13,15 +13,16 @@ from ostiform.study.parts import (
     PartFacts,
     close_loops,
     internal_factors,
-    open_part,
+    opened_part,
     surface_facts,
 )
 from ostiform.study.population import ShapeNames
 from ostiform.study.settings import StudySettings
 from ostiform.study.shape import Shape
+from ostiform.study.sources import part_cuts, part_meshes, shape_markups, stated_points
 from ostiform.study.study import ShapeEntry, Study
 from ostiform.study.survey import ShapeSurvey, shape_survey
-from ostiform.surface import Seam, Surface, read_mesh, split_ostium_name
+from ostiform.surface import Seam, Surface, split_ostium_name
 from ostiform.surface.repair import counted
 from ostiform.surface.seams import default_tolerance, loop_gap, sewn_seam
 
@@ -87,23 +88,30 @@ def survey_shape(study: Study, entry: ShapeEntry) -> ShapeSurvey:
         raise type(error)(f"shape {entry.id}: {error}") from None
     known = _known_by_seams(study.settings, opened)
     return shape_survey(
-        entry.id, {part: replace(item, known=known[part]) for part, item in opened.items()}
+        entry.id,
+        {part: replace(item, known=known[part]) for part, item in opened.items()},
+        stated_points(study.settings, shape_markups(entry)),
     )
 
 
 def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
     """Return what can be said of a part that is unfit for use; None if it cannot be read."""
     try:
-        return surface_facts(read_mesh(entry.files[part]))
-    except (InputError, KeyError):
+        return surface_facts(part_meshes(study.settings, entry, {})[0][part])
+    except InputError:
         return None
 
 
 def _opened_parts(settings: StudySettings, entry: ShapeEntry) -> dict[str, OpenPart]:
-    for part in settings.parts:
-        if part not in entry.files:
-            raise InputError(f"expected a file for the part {part}, found none")
-    return {part: open_part(settings, part, entry.files[part]) for part in settings.parts}
+    meshes, cuts = part_meshes(settings, entry, part_cuts(settings, entry, shape_markups(entry)))
+    opened = {}
+    for part, mesh in meshes.items():
+        file = entry.files[part]
+        try:
+            opened[part] = opened_part(settings, part, file, mesh, cuts[part])
+        except (InputError, TopologyError) as error:
+            raise type(error)(f"{part} ({file}): {error}") from None
+    return opened
 
 
 def _with_closed(names: ShapeNames, part: str, opened: OpenPart) -> OpenPart:

@@ -13,11 +13,14 @@ __all__ = [
     "AlignmentSettings",
     "CircleSettings",
     "CorrespondenceSettings",
+    "CutsSettings",
     "DomainSettings",
     "EmbeddingSettings",
     "EvaluationSettings",
+    "LabelsSettings",
     "OstiaSettings",
     "PartSettings",
+    "PlaneSettings",
     "SeamSettings",
     "ShapesSettings",
     "StudySettings",
@@ -75,8 +78,9 @@ class ShapesSettings(_Settings):
     Exactly one of `pattern` (named fields ``{subject}``, ``{phase}``, ``{part}``; ``*`` matches
     anything; ``/`` steps into folders) and `sheet` (a CSV or XLSX file) is given. File names are
     relative to `folder`, which is relative to the study file's folder. `open` makes openings by
-    deleting cells: ``array`` is the name of a cell array, every other key an ostium and its
-    value. `times` gives phases as fractions of the cycle.
+    deleting cells: ``array`` is the name of a cell or point array, every other key an ostium and
+    its value. `split` makes parts of one mesh: ``array`` likewise, every other key a part and its
+    value or values. `times` gives phases as fractions of the cycle.
     """
 
     pattern: str | None = None
@@ -84,6 +88,7 @@ class ShapesSettings(_Settings):
     folder: str = "."
     on_error: Literal["skip", "stop"] = "skip"
     open: dict[str, str | int | float] = {}
+    split: dict[str, str | int | tuple[int, ...]] = {}
     times: dict[str, Annotated[float, Field(ge=0.0, lt=1.0)]] = {}
 
 
@@ -104,6 +109,42 @@ class WeldingSettings(_Settings):
     """How far apart the two rims of a seam may be: default a quarter of their median edge."""
 
     tolerance_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+
+
+class LabelsSettings(_Settings):
+    """How label maps become surfaces.
+
+    `values` gives each part its label or labels; a part without takes every voxel other than 0 of
+    its own file. `edge_mm` is the edge length of the surface, default 1.5 voxels.
+    """
+
+    edge_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+    values: dict[str, int | tuple[int, ...]] = {}
+
+
+class PlaneSettings(_Settings):
+    """A plane that opens one tube, in the units and frame of the files.
+
+    The tube's section must have its centre within `reach` of `center`, default 20 mm.
+    """
+
+    center: Point
+    normal: Point
+    reach: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+
+
+class CutsSettings(_Settings):
+    """Where closed surfaces are cut open.
+
+    `markups` is the 3D Slicer Markups file of each shape, a name with ``{subject}`` and
+    ``{phase}`` relative to the folder of the shapes; its planes and closed curves are named by
+    the ostia, its points are rough points. `planes` hold for every shape, those of `shapes` for
+    one shape (``"SUBJECT/PHASE"``) or all of a subject.
+    """
+
+    markups: str | None = None
+    planes: dict[str, PlaneSettings] = {}
+    shapes: dict[str, dict[str, PlaneSettings]] = {}
 
 
 class EmbeddingSettings(_Settings):
@@ -168,6 +209,8 @@ class StudySettings(_Settings):
     shapes: ShapesSettings
     ostia: OstiaSettings = OstiaSettings()
     welding: WeldingSettings = WeldingSettings()
+    labels: LabelsSettings = LabelsSettings()
+    cuts: CutsSettings = CutsSettings()
     domain: DomainSettings = DomainSettings()
     embedding: EmbeddingSettings = EmbeddingSettings()
     template: TemplateSettings = TemplateSettings()
@@ -189,6 +232,11 @@ class StudySettings(_Settings):
     def seam_pairs(self) -> tuple[Seam, ...]:
         """The seams as values."""
         return tuple(Seam(seam.first, seam.second) for seam in self.seams)
+
+    @property
+    def shares_files(self) -> bool:
+        """Whether one file holds all parts of a shape."""
+        return bool(self.shapes.split) or len(self.labels.values) > 1
 
     @property
     def caps(self) -> dict[str, float]:
@@ -297,6 +345,7 @@ def _contradictions(settings: StudySettings) -> list[str]:
         *_part_problems(settings),
         *_seam_problems(settings),
         *_shapes_problems(settings),
+        *_part_value_problems(settings),
         *_ostium_problems(settings),
     ]
 
@@ -349,9 +398,43 @@ def _shapes_problems(settings: StudySettings) -> list[str]:
     return problems
 
 
+def _part_value_problems(settings: StudySettings) -> list[str]:
+    problems = [
+        f"labels.values.{_quoted(name)}: expected a part of [parts], found {_shown(name)}"
+        for name in settings.labels.values
+        if name not in settings.parts
+    ]
+    split = settings.shapes.split
+    if not split:
+        return problems
+    if not isinstance(split.get("array"), str):
+        problems.append("shapes.split.array: expected the name of a cell or point array")
+    for name, value in split.items():
+        if name == "array":
+            continue
+        if name not in settings.parts:
+            problems.append(
+                f"shapes.split.{_quoted(name)}: expected a part of [parts], found {_shown(name)}"
+            )
+        if isinstance(value, str):
+            problems.append(
+                f"shapes.split.{_quoted(name)}: expected a whole number, found {_shown(value)}"
+            )
+    missing = [part for part in settings.parts if part not in split]
+    if missing:
+        problems.append(f"shapes.split.{_quoted(missing[0])}: expected this key, found none")
+    return problems
+
+
 def _ostium_problems(settings: StudySettings) -> list[str]:
     known = settings.ostium_names
     stated = [
+        *((f"cuts.planes.{_quoted(name)}", name) for name in settings.cuts.planes),
+        *(
+            (f"cuts.shapes.{_quoted(shape)}.{_quoted(name)}", name)
+            for shape, planes in settings.cuts.shapes.items()
+            for name in planes
+        ),
         *((f"ostia.points.{_quoted(name)}", name) for name in settings.ostia.points),
         *(
             (f"ostia.shapes.{_quoted(shape)}.{_quoted(name)}", name)

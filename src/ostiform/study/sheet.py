@@ -43,10 +43,13 @@ class SheetRow:
         object.__setattr__(self, "covariates", frozen_mapping(self.covariates))
 
 
-def read_sheet(path: Path, parts: Sequence[str]) -> tuple[SheetRow, ...]:
+def read_sheet(
+    path: Path, parts: Sequence[str], shares_files: bool = False
+) -> tuple[SheetRow, ...]:
     """Read a sheet with the columns subject, phase, time and one per part.
 
-    ``phase`` and ``time`` may be left out; a study of one part may call its column ``file``.
+    ``phase`` and ``time`` may be left out; a study of one part, or one whose files hold all parts
+    (`shares_files`), may have one column ``file``.
     Empty rows are skipped; every other column is kept as a covariate. A CSV file may separate by
     comma, semicolon or tabulator. An XLSX file is read from its first sheet.
 
@@ -62,10 +65,11 @@ def read_sheet(path: Path, parts: Sequence[str]) -> tuple[SheetRow, ...]:
     if not rows:
         raise InputError(f"{path}: expected a row of column names, found an empty sheet")
     header = [cell.strip() for cell in rows[0]]
-    _check_header(path, header, parts)
-    file_columns = {part: part for part in parts}
-    if len(parts) == 1 and parts[0] not in header:
-        file_columns = {"file": parts[0]}
+    is_shared = (len(parts) == 1 or shares_files) and "file" in header
+    _check_header(path, header, () if is_shared else parts)
+    file_columns: dict[str, tuple[str, ...]] = {part: (part,) for part in parts}
+    if is_shared and not any(part in header for part in parts):
+        file_columns = {"file": tuple(parts)}
     return tuple(
         _row(path, number, dict(zip(header, cells, strict=False)), file_columns)
         for number, cells in enumerate(rows[1:], start=2)
@@ -80,8 +84,7 @@ def _check_header(path: Path, header: Sequence[str], parts: Sequence[str]) -> No
         raise InputError(
             f"{path}: expected different column names, found {', '.join(double)} twice"
         )
-    alone = len(parts) == 1 and "file" in header
-    missing = [name for name in ("subject", *(() if alone else parts)) if name not in header]
+    missing = [name for name in ("subject", *parts) if name not in header]
     if missing:
         raise InputError(
             f"{path}: expected the columns {', '.join(missing)}, found {', '.join(named)}"
@@ -89,7 +92,7 @@ def _check_header(path: Path, header: Sequence[str], parts: Sequence[str]) -> No
 
 
 def _row(
-    path: Path, number: int, cells: Mapping[str, str], file_columns: Mapping[str, str]
+    path: Path, number: int, cells: Mapping[str, str], file_columns: Mapping[str, tuple[str, ...]]
 ) -> SheetRow:
     values = {name: cell.strip() for name, cell in cells.items() if name}
     subject = values.pop("subject", "")
@@ -98,7 +101,10 @@ def _row(
     phase = values.pop("phase", "") or _DEFAULT_PHASE
     written = values.pop("time", "")
     files = {
-        part: name for column, part in file_columns.items() if (name := values.pop(column, ""))
+        part: name
+        for column, named in file_columns.items()
+        if (name := values.pop(column, ""))
+        for part in named
     }
     return SheetRow(
         subject=subject,

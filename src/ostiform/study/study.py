@@ -33,12 +33,15 @@ class ShapeEntry:
         Further columns of the sheet.
     notes : tuple of str
         What was concluded about it, one sentence each.
+    cuts : Path or None
+        Its 3D Slicer Markups file.
     """
 
     id: ShapeId
     files: Mapping[str, Path]
     covariates: Mapping[str, str]
     notes: tuple[str, ...] = ()
+    cuts: Path | None = None
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
@@ -107,15 +110,15 @@ def read_study(path: Path) -> Study:
                 {part: folder / name for part, name in row.files.items()},
                 row.covariates,
             )
-            for row in read_sheet(sheet, settings.part_names)
+            for row in read_sheet(sheet, settings.part_names, settings.shares_files)
         ]
         if not found:
             raise InputError(f"{sheet}: expected one row per shape, found none")
         _refuse_double(path, ((f"{row.subject}/{row.phase}", "row") for row in found))
     else:
-        found = _matched(path, folder, settings.shapes.pattern or "", settings.part_names)
+        found = _matched(path, folder, settings)
     _check_shape_keys(path, settings, found)
-    return Study(path, folder, settings, _ordered(path, settings, found))
+    return Study(path, folder, settings, _ordered(path, folder, settings, found))
 
 
 def natural_key(name: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
@@ -127,8 +130,9 @@ def natural_key(name: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
     return steps, name
 
 
-def _matched(path: Path, folder: Path, pattern: str, parts: Sequence[str]) -> list[_Found]:
-    expression = _expression(path, pattern, parts)
+def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
+    pattern, parts = settings.shapes.pattern or "", settings.part_names
+    expression = _expression(path, pattern, parts, settings.shares_files)
     depth = pattern.count("/")
     files = sorted(file for file in folder.glob("*/" * depth + "*") if file.is_file())
     shapes: dict[tuple[str, str], dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
@@ -138,7 +142,9 @@ def _matched(path: Path, folder: Path, pattern: str, parts: Sequence[str]) -> li
             continue
         fields = match.groupdict()
         phase = fields.get("phase", _DEFAULT_PHASE)
-        shapes[fields["subject"], phase][fields.get("part", parts[0])].append(file)
+        named = (fields["part"],) if "part" in fields else parts
+        for part in named:
+            shapes[fields["subject"], phase][part].append(file)
     if not shapes:
         examples = ", ".join(file.relative_to(folder).as_posix() for file in files[:3])
         raise InputError(
@@ -160,7 +166,9 @@ def _matched(path: Path, folder: Path, pattern: str, parts: Sequence[str]) -> li
     ]
 
 
-def _expression(path: Path, pattern: str, parts: Sequence[str]) -> re.Pattern[str]:
+def _expression(
+    path: Path, pattern: str, parts: Sequence[str], shares_files: bool
+) -> re.Pattern[str]:
     expression, seen = "", set()
     for piece in re.split(r"(\{[^{}]*\}|\*)", pattern):
         name = piece[1:-1] if piece.startswith("{") else None
@@ -179,7 +187,7 @@ def _expression(path: Path, pattern: str, parts: Sequence[str]) -> re.Pattern[st
             one_of = "|".join(re.escape(part) for part in sorted(parts, key=len, reverse=True))
             expression += f"(?P<{name}>{one_of})" if name == "part" else f"(?P<{name}>[^/]+)"
             seen.add(name)
-    needed = {"subject"} | ({"part"} if len(parts) > 1 else set())
+    needed = {"subject"} | ({"part"} if len(parts) > 1 and not shares_files else set())
     if missing := sorted(needed - seen):
         raise InputError(
             f'{path.name}: shapes.pattern: expected the field {{{missing[0]}}}, found "{pattern}"'
@@ -198,11 +206,13 @@ def _refuse_double(path: Path, items: Iterable[tuple[str, str]]) -> None:
 
 def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Found]) -> None:
     known = {f"{item.subject}/{item.phase}" for item in found} | {item.subject for item in found}
-    for key in settings.ostia.shapes:
+    keys = [("ostia", key) for key in settings.ostia.shapes]
+    keys += [("cuts", key) for key in settings.cuts.shapes]
+    for table, key in keys:
         if key not in known:
             raise InputError(
-                f'{path.name}: ostia.shapes."{key}": expected a shape "SUBJECT/PHASE" or a subject '
-                "of the study, found another name"
+                f'{path.name}: {table}.shapes."{key}": expected a shape "SUBJECT/PHASE" or a '
+                "subject of the study, found another name"
             )
     phases = {item.phase for item in found}
     if settings.shapes.times and (missing := sorted(phases - set(settings.shapes.times))):
@@ -213,7 +223,7 @@ def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Foun
 
 
 def _ordered(
-    path: Path, settings: StudySettings, found: Sequence[_Found]
+    path: Path, folder: Path, settings: StudySettings, found: Sequence[_Found]
 ) -> tuple[ShapeEntry, ...]:
     stated = [item for item in found if item.time is not None]
     if stated and len(stated) < len(found):
@@ -244,8 +254,21 @@ def _ordered(
                 time = settings.shapes.times.get(item.phase, rank / len(order))
             files = {part: item.files[part] for part in settings.parts if part in item.files}
             shape = ShapeId(subject, item.phase, time)
-            entries.append(ShapeEntry(shape, files, item.covariates, notes))
+            cuts = _cuts_file(path, folder, settings, item)
+            entries.append(ShapeEntry(shape, files, item.covariates, notes, cuts))
     return tuple(entries)
+
+
+def _cuts_file(path: Path, folder: Path, settings: StudySettings, item: _Found) -> Path | None:
+    if settings.cuts.markups is None:
+        return None
+    name = settings.cuts.markups.replace("{subject}", item.subject).replace("{phase}", item.phase)
+    if "{" in name:
+        raise InputError(
+            f"{path.name}: cuts.markups: expected the fields {{subject}} and {{phase}}, found "
+            f'"{settings.cuts.markups}"'
+        )
+    return folder / name
 
 
 def _missing_phases(by_subject: Mapping[str, Sequence[_Found]], subject: str) -> list[str]:

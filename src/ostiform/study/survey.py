@@ -1,7 +1,7 @@
 """What telling the openings of a population apart needs to know of each shape."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -60,14 +60,25 @@ class PartSurvey:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeSurvey:
-    """The parts of one shape, by name."""
+    """The parts of one shape, by name, and rough points of its openings from its own files.
+
+    Attributes
+    ----------
+    id : ShapeId
+    parts : mapping of str to PartSurvey
+    points : mapping of str to (3,) float64, mm in LPS
+        By full ostium name.
+    """
 
     id: ShapeId
     parts: Mapping[str, PartSurvey]
+    points: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Make the mapping read-only."""
+        """Make the mappings read-only."""
         object.__setattr__(self, "parts", frozen_mapping(self.parts))
+        points = {n: frozen_floats(p, (3,), n) for n, p in self.points.items()}
+        object.__setattr__(self, "points", frozen_mapping(points))
 
     @property
     def diagonal(self) -> float:
@@ -102,7 +113,9 @@ def part_survey(
     )
 
 
-def shape_survey(shape: ShapeId, parts: Mapping[str, OpenPart]) -> ShapeSurvey:
+def shape_survey(
+    shape: ShapeId, parts: Mapping[str, OpenPart], points: Mapping[str, FloatArray]
+) -> ShapeSurvey:
     """Return the facts of the opened parts of a shape."""
     return ShapeSurvey(
         shape,
@@ -110,6 +123,7 @@ def shape_survey(shape: ShapeId, parts: Mapping[str, OpenPart]) -> ShapeSurvey:
             name: part_survey(part.vertices, part.faces, part.loops, part.known)
             for name, part in parts.items()
         },
+        points,
     )
 
 
@@ -119,6 +133,7 @@ def survey_to_json(survey: ShapeSurvey) -> dict[str, Any]:
         "subject": survey.id.subject,
         "phase": survey.id.phase,
         "time": survey.id.time,
+        "points": {name: point.tolist() for name, point in survey.points.items()},
         "parts": {
             name: {
                 "center": part.center.tolist(),
@@ -148,4 +163,5 @@ def survey_from_json(value: Mapping[str, Any]) -> ShapeSurvey:
             )
             for name, part in value["parts"].items()
         },
+        {name: np.array(point) for name, point in value["points"].items()},
     )

@@ -11,9 +11,9 @@ import numpy as np
 from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_ints
 from ostiform.errors import InputError, TopologyError
 from ostiform.surface.operators import face_areas
-from ostiform.surface.topology import graph_labels, unique_edges
+from ostiform.surface.topology import graph_labels, half_edges, unique_edges
 
-__all__ = ["CutSurface", "cut_along_zero", "tube_cut"]
+__all__ = ["CutSurface", "cut_along_zero", "parted_at", "tube_cut"]
 
 _SNAP_SHARE = 0.25
 """A vertex this near to the curve, as a share of the edge that crosses it, is moved onto it."""
@@ -31,13 +31,16 @@ class CutSurface:
     source : (F,) int64
         The given face that each lies on.
     side : (F,) int64
-        1 where the height is positive, -1 where it is negative, 0 for faces that the cut leaves.
+        1 where the height is positive, -1 where it is negative.
+    height : (V,) float64
+        Zero on the curve that was cut, and only there.
     """
 
     vertices: FloatArray
     faces: IntArray
     source: IntArray
     side: IntArray
+    height: FloatArray
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
@@ -46,6 +49,9 @@ class CutSurface:
         object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
         object.__setattr__(self, "source", frozen_ints(self.source, (count,), "source"))
         object.__setattr__(self, "side", frozen_ints(self.side, (count,), "side"))
+        object.__setattr__(
+            self, "height", frozen_floats(self.height, (len(self.vertices),), "height")
+        )
 
 
 def cut_along_zero(
@@ -70,23 +76,34 @@ def cut_along_zero(
     crossing = allowed & (corners.min(axis=1) < 0) & (corners.max(axis=1) > 0)
     points, pieces, parents, sides = _split(vertices, faces, np.flatnonzero(crossing), sign, height)
     kept = np.flatnonzero(~crossing)
-    total = corners[kept].sum(axis=1)
-    own = np.where(allowed[kept], np.sign(total), 0)
+    own = np.sign(corners[kept].sum(axis=1))
     return CutSurface(
         np.vstack([vertices, points]),
         np.concatenate([faces[kept], pieces]),
         np.concatenate([kept, parents]),
         np.concatenate([own, sides]),
+        np.concatenate([height, np.zeros(len(points))]),
     )
 
 
 def tube_cut(
     vertices: FloatArray, faces: IntArray, height: FloatArray, center: FloatArray, reach: float
 ) -> CutSurface:
-    """Cut one tube off a surface, where a height is zero, and leave what else the zero set meets.
+    """Cut one tube off a surface: as `parted_at`, the smaller piece by area dropped."""
+    cut = parted_at(vertices, faces, height, center, reach)
+    area = face_areas(cut.vertices, cut.faces)
+    larger = 1 if area[cut.side > 0].sum() >= area[cut.side < 0].sum() else -1
+    kept = np.flatnonzero(cut.side == larger)
+    return CutSurface(cut.vertices, cut.faces[kept], cut.source[kept], cut.side[kept], cut.height)
+
+
+def parted_at(
+    vertices: FloatArray, faces: IntArray, height: FloatArray, center: FloatArray, reach: float
+) -> CutSurface:
+    """Part a surface in two where a height is zero, and leave what else the zero set meets.
 
     The zero set meets the surface in closed curves; the one whose centre is nearest to the given
-    point is cut, and the smaller of the two pieces, by area, is dropped.
+    point is cut.
 
     Parameters
     ----------
@@ -102,7 +119,7 @@ def tube_cut(
     Returns
     -------
     CutSurface
-        What remains; `side` is that of its faces.
+        `side` is 1 and -1 for the faces of the two pieces, whatever the height far from the cut.
 
     Raises
     ------
@@ -138,7 +155,7 @@ def tube_cut(
         )
     chosen = np.zeros(len(faces), dtype=np.bool_)
     chosen[best[1]] = True
-    return _smaller_dropped(cut_along_zero(vertices, faces, height, chosen))
+    return _with_pieces(cut_along_zero(vertices, faces, height, chosen))
 
 
 def _curve_center(vertices: FloatArray, band: IntArray, height: FloatArray) -> FloatArray:
@@ -151,25 +168,25 @@ def _curve_center(vertices: FloatArray, band: IntArray, height: FloatArray) -> F
     return center
 
 
-def _smaller_dropped(cut: CutSurface) -> CutSurface:
-    """Drop the smaller of the two pieces on either side of the curve."""
+def _with_pieces(cut: CutSurface) -> CutSurface:
+    """Give the faces of either piece the side that the piece has along the curve."""
     _, edge, _ = unique_edges(cut.faces)
     order = np.argsort(edge, kind="stable")
     same = np.flatnonzero(edge[order][1:] == edge[order][:-1])
     one, two = order[same] // 3, order[same + 1] // 3
-    is_curve = cut.side[one] * cut.side[two] < 0
+    ends_of = half_edges(cut.faces)[order[same]]  # (n, 2)
+    is_curve = (cut.height[ends_of] == 0.0).all(axis=1) & (cut.side[one] != cut.side[two])
     label = graph_labels(one[~is_curve], two[~is_curve], len(cut.faces))
-    pair = label[one[is_curve]], label[two[is_curve]]
-    ends = np.unique(np.concatenate(pair))
-    if len(ends) != 2:
+    along = np.concatenate([one[is_curve], two[is_curve]])
+    pieces = np.unique(label[along])
+    if len(pieces) != 2:
         raise TopologyError(
-            f"expected a cut that parts the surface in two, found {len(ends)} pieces along it: "
+            f"expected a cut that parts the surface in two, found {len(pieces)} pieces along it: "
             "move the cut along its tube"
         )
-    area = np.bincount(label, weights=face_areas(cut.vertices, cut.faces))
-    smaller = ends[int(area[ends[1]] < area[ends[0]])]
-    kept = np.flatnonzero(label != smaller)
-    return CutSurface(cut.vertices, cut.faces[kept], cut.source[kept], cut.side[kept])
+    above = label[along[cut.side[along] > 0][0]]
+    side = np.where(label == above, 1, -1)
+    return CutSurface(cut.vertices, cut.faces, cut.source, side, cut.height)
 
 
 def _snapped(
@@ -186,7 +203,8 @@ def _snapped(
     near = order[share[order] < _SNAP_SHARE]
     vertices, height = vertices.copy(), height.copy()
     on_curve = np.zeros(len(vertices), dtype=np.bool_)
-    ring = _rings(band, set(one[near].tolist()))
+    movable = np.unique(one[near])
+    ring = _rings(faces[np.isin(faces, movable).any(axis=1)], set(movable.tolist()))
     for k in near.tolist():
         v = int(one[k])
         # A triangle with all corners on the curve would belong to neither side.

@@ -4,8 +4,8 @@ Shape-based interpolation: in every slice the signed distance d to the label's o
 largest distance in the slice, ``f = d (2 r - d)`` has the same zero set and is, for round
 sections, a polynomial of degree two in space (``r^2 - x^2 - y^2`` for a disc). So f is
 interpolated between slices by cubic convolution, which reproduces such polynomials, and
-extrapolated by one slice where the label ends. Voxel steps within slices are smoothed by ``2 G - G G`` (G a
-Gaussian of one voxel), which keeps polynomials of degree three: nothing shrinks.
+extrapolated by one slice where the label ends. Voxel steps within slices are smoothed by
+``2 G - G G`` (G a Gaussian of one voxel), which keeps polynomials of degree three: nothing shrinks.
 """
 
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ def level_surface(field: LevelField) -> tuple[FloatArray, IntArray]:
     image = vtkImageData()
     image.SetDimensions(*field.values.shape)
     scalars = np.ascontiguousarray(field.values.transpose(2, 1, 0)).reshape(-1)
-    image.GetPointData().SetScalars(numpy_to_vtk(scalars, deep=True))
+    image.GetPointData().SetScalars(numpy_to_vtk(scalars, deep=True))  # type: ignore[no-untyped-call]
     edges = vtkFlyingEdges3D()
     edges.SetInputData(image)
     edges.SetValue(0, 0.0)
@@ -120,8 +120,12 @@ def level_surface(field: LevelField) -> tuple[FloatArray, IntArray]:
     found = edges.GetOutput()
     if found.GetNumberOfCells() == 0:
         raise InputError("expected an outline of the label, found none")
-    index = vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)
-    connectivity = vtk_to_numpy(found.GetPolys().GetConnectivityArray())
+    index = vtk_to_numpy(  # type: ignore[no-untyped-call]
+        found.GetPoints().GetData()
+    ).astype(np.float64)
+    connectivity = vtk_to_numpy(  # type: ignore[no-untyped-call]
+        found.GetPolys().GetConnectivityArray()
+    )
     faces = connectivity.astype(np.int64).reshape(-1, 3)
     vertices = index @ field.affine[:3, :3].T + field.affine[:3, 3]
     corners = vertices[faces] - vertices.mean(axis=0)

@@ -1,13 +1,12 @@
 """Sparse symmetric positive definite systems: one factorisation, many right-hand sides."""
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import qdldl
+import qdldl  # type: ignore[import-not-found]
 from scipy import sparse
 
 from ostiform.arrays import FloatArray
-from ostiform.errors import ConvergenceError
 
 __all__ = ["Factorization", "factorize"]
 
@@ -48,9 +47,8 @@ def factorize(upper: sparse.csc_array) -> Factorization:
     upper : (n, n) sparse
         Its upper triangle, diagonal included, in compressed columns with sorted indices.
 
-    Raises
-    ------
-    ConvergenceError
-        If the matrix is singular.
+    Notes
+    -----
+    Does not check that the matrix is positive definite.
     """
     return Factorization(upper)

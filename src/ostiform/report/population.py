@@ -1,0 +1,225 @@
+"""What a report says about the shapes: modes, scores, template, correspondence (HY Fig. 3)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ostiform.correspondence import Correspondence
+from ostiform.domain import triangle_quality
+from ostiform.evaluation import Evaluation
+from ostiform.model import (
+    DynamicModel,
+    ShapeModel,
+    StoredModel,
+    between_share,
+    phase_prediction,
+    reconstruct,
+)
+from ostiform.report.curves import convergence_figure, scores_figure
+from ostiform.report.html import Picture, Section, Table
+from ostiform.report.modes import modes_figure, shapes_figure
+from ostiform.report.style import percent
+
+__all__ = ["correspondence_section", "modes_section", "scores_section", "template_section"]
+
+MODES_SHOWN = 3
+
+
+def modes_section(model: ShapeModel) -> Section:
+    """Return the mean shape and its first modes (HY Fig. 3)."""
+    share = model.variances / model.total_variance
+    shown = range(min(MODES_SHOWN, len(model.variances)))
+    return Section(
+        "modes",
+        "Modes of variation",
+        (
+            "The mean displaced by \N{MINUS SIGN}3 to +3 standard deviations along each mode, from "
+            "two sides (compare Fig. 3 of the paper). Dark lines are the openings.",
+        ),
+        tuple(
+            Picture(
+                f"mode{mode + 1}",
+                modes_figure(model, mode),
+                f"Mode {mode + 1}: {100 * share[mode]:.1f} % of the variance, standard deviation "
+                f"{np.sqrt(model.variances[mode]):.2f} mm per point.",
+                f"Five shaded surfaces in two rows: the mean shape and its displacement along "
+                f"mode {mode + 1}.",
+                is_vector=False,
+            )
+            for mode in shown
+        ),
+    )
+
+
+def scores_section(
+    stored: StoredModel, dynamic: DynamicModel | None, evaluation: Evaluation
+) -> Section:
+    """Return where the shapes lie in the space of the first modes, and who varies how much.
+
+    Parameters
+    ----------
+    stored : StoredModel
+    dynamic : DynamicModel or None
+        Of the same shapes; None where no subject has several phases.
+    evaluation : Evaluation
+        Of the model; says which shapes to look at.
+    """
+    model = stored.model
+    subjects = [shape.subject for shape in stored.ids]
+    times = np.array([shape.time for shape in stored.ids])
+    standard = stored.scores / np.sqrt(np.maximum(model.variances, np.finfo(float).tiny))
+    share = model.variances / model.total_variance
+    return Section(
+        "scores",
+        "The shapes in the model",
+        () if dynamic is None else _sources(dynamic),
+        (
+            Picture(
+                "scores",
+                scores_figure(standard, subjects, times, share),
+                "Scores of the first two modes; the phases of a subject are joined in order of "
+                "time, so that each loop is a cycle.",
+                "Scatter of the shapes, one closed line per subject.",
+            ),
+            _extremes(stored, evaluation),
+        ),
+    )
+
+
+def _extremes(stored: StoredModel, evaluation: Evaluation) -> Picture:
+    """The shapes that stand out, each once, with what they stand out by."""
+    standard = stored.scores / np.sqrt(
+        np.maximum(stored.model.variances, np.finfo(np.float64).tiny)
+    )
+    measures = {
+        "furthest from the mean": (stored.scores**2).sum(axis=1),
+        "most unusual": (standard[:, : evaluation.compactness.modes_for(0.95)] ** 2).sum(axis=1),
+        "covered worst": np.array([item.relative_maximum for item in evaluation.coverage]),
+    }
+    if evaluation.generalisation is not None:
+        some = evaluation.generalisation.mode_counts > 0
+        residues = evaluation.generalisation.surface_mean[:, some].mean(axis=1)
+        measures["left-out residue largest"] = residues
+    reasons: dict[int, list[str]] = {}
+    for reason, values in measures.items():
+        reasons.setdefault(int(np.argmax(values)), []).append(reason)
+    shown = list(reasons)
+    titles = ["\n".join([str(stored.ids[i]), *reasons[i]]) for i in shown]
+    return Picture(
+        "extremes",
+        shapes_figure(stored.model, reconstruct(stored.model, stored.scores[shown]), titles),
+        "The shapes to look at first. Furthest from the mean: by the RMS distance of the points; "
+        "most unusual: by the standard deviations of the modes that carry 95 % of the variance.",
+        "Shaded surfaces of single shapes, each with what it stands out by.",
+        is_vector=False,
+    )
+
+
+def _sources(dynamic: DynamicModel) -> tuple[str, ...]:
+    between = between_share(dynamic)
+    interval = (
+        ""
+        if between.low is None or between.high is None
+        else f" (95 % interval {percent(between.low)} to {percent(between.high)} %)"
+    )
+    prediction = phase_prediction(dynamic)
+    return (
+        f"{percent(between.value)} % of the variance lies between subjects{interval}, the rest is "
+        f"motion. A left-out phase is predicted from the subject's other phases to "
+        f"{prediction.trajectory:.2f} mm by the fitted cycle and to {prediction.interpolation:.2f} "
+        f"mm by interpolation ({prediction.phases} phases left out in turn).",
+    )
+
+
+def template_section(correspondence: Correspondence, evaluation: Evaluation) -> Section:
+    """Return how even the template is and how it covers the shapes."""
+    template = correspondence.template
+    domain = triangle_quality(template.points, template.faces)
+    mean = triangle_quality(correspondence.aligned.mean(axis=0), template.faces)
+    rows = [
+        (
+            name,
+            f"{quality.worst:.2f}",
+            f"{quality.mean:.2f}",
+            f"{quality.min_angle:.1f}",
+        )
+        for name, quality in (("on the base domain", domain), ("on the mean shape", mean))
+    ]
+    worst = max(range(len(evaluation.ids)), key=lambda i: evaluation.coverage[i].maximum)
+    item = evaluation.coverage[worst]
+    return Section(
+        "template",
+        "Template",
+        (
+            f"{len(template.points)} points and {len(template.faces)} triangles, "
+            f"{len(template.levels)} coarser levels. The surface of shape "
+            f"{evaluation.ids[worst]} is covered worst: its furthest vertex lies "
+            f"{item.maximum:.2f} mm from the sampled surface, "
+            f"{100 * item.relative_maximum:.2f} % of its diameter.",
+        ),
+        (),
+        (
+            Table(
+                "Triangle quality (eq. 2 of the paper, 1 for an equilateral triangle)",
+                ("triangles", "worst", "mean", "smallest angle (deg)"),
+                tuple(rows),
+            ),
+        ),
+    )
+
+
+def correspondence_section(
+    history: Sequence[Mapping[str, float]],
+    statuses: Sequence[str],
+    n_interior: int,
+    n_boundary: int,
+) -> Section:
+    """Return how the optimisation went.
+
+    Parameters
+    ----------
+    history : sequence of mapping
+        `SweepRecord` as plain values.
+    statuses : sequence of str
+        How each level ended.
+    n_interior, n_boundary : int
+        Control points of the finest level.
+    """
+    seconds = np.cumsum([record["seconds"] for record in history])
+    levels = np.array([record["level"] for record in history], dtype=float)
+    objective = np.array([record["objective"] for record in history])
+    finer = levels > 1
+    pictures = []
+    if finer.any():
+        pictures.append(
+            Picture(
+                "convergence",
+                convergence_figure(
+                    seconds[finer],
+                    objective[finer],
+                    levels[finer],
+                    "description length + penalty",
+                ),
+                "Objective after every sweep over all shapes, against processor time; level 1 "
+                "minimises another objective and is not drawn.",
+                "Falling curves, one per level.",
+            )
+        )
+    rows = tuple(
+        (
+            str(level),
+            str(sum(record["level"] == level for record in history) - 1),
+            status,
+        )
+        for level, status in enumerate(statuses, start=1)
+    )
+    return Section(
+        "correspondence",
+        "Correspondence",
+        (
+            f"{n_interior} control points in the interior and {n_boundary} on the boundaries "
+            "(the paper ends with 10, those on the boundaries not counted).",
+        ),
+        tuple(pictures),
+        (Table("How each level ended", ("level", "sweeps", "ended because"), rows),),
+    )

@@ -1,0 +1,185 @@
+"""What the interactive viewer of a report shows, as JSON.
+
+Every shape that the viewer can show is the mean plus a combination of the modes of one model, so
+that the page carries the mean and these modes once, as 16-bit integers, and everything else as
+coefficients: the modes between subjects and of the motion, the cycles, the training shapes.
+"""
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+
+from ostiform.arrays import FloatArray
+from ostiform.model import (
+    DynamicModel,
+    ShapeModel,
+    StoredModel,
+    mean_cycle,
+    project,
+    resampled_cycle,
+    truncated,
+)
+from ostiform.report.html import Section
+from ostiform.report.modes import model_views
+from ostiform.report.style import PART_COLOURS
+
+__all__ = ["viewer_data", "viewer_section"]
+
+SLIDERS = 6
+FRAMES = 24
+"""Shapes per cycle; the viewer interpolates between them."""
+
+BUDGET = 4_000_000
+"""Characters of the page that the modes may take; later modes are left out."""
+
+CHARACTERS_PER_POINT = 8
+"""Three coordinates of two bytes each, four characters for three bytes."""
+
+LARGEST_INTEGER = 32767
+SUBJECTS_WITH_CYCLES = 30
+
+
+def viewer_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section:
+    """Return the section with the interactive viewer.
+
+    Parameters
+    ----------
+    stored : StoredModel
+    dynamic : DynamicModel or None
+        Of the same shapes; None where no subject has several phases.
+    """
+    cycles = "" if dynamic is None else " Play the cycle of the mean or of one subject."
+    return Section(
+        "viewer",
+        "Explore the model",
+        (
+            "Drag to turn, scroll to zoom; with the keyboard: arrow keys, + and -, 0 for the first "
+            f"view. Move the sliders to combine modes.{cycles}",
+        ),
+        viewer=viewer_data(stored, dynamic),
+    )
+
+
+def viewer_data(stored: StoredModel, dynamic: DynamicModel | None) -> str:
+    """Return what the viewer shows, as JSON.
+
+    Parameters
+    ----------
+    stored : StoredModel
+    dynamic : DynamicModel or None
+        Of the same shapes.
+    """
+    full = stored.model
+    count = min(len(full.modes), max(1, BUDGET // (CHARACTERS_PER_POINT * len(full.mean))))
+    basis = truncated(full, count)
+    deviations = np.sqrt(np.maximum(basis.variances, np.finfo(np.float64).tiny))
+    mesh = basis.mesh
+    front, side = model_views(basis)
+    # Parts one after the other, so that each is one run of triangles.
+    order = np.argsort(mesh.face_part, kind="stable")
+    data: dict[str, Any] = {
+        "points": len(basis.mean),
+        "mean": _quantised(basis.mean - basis.mean.mean(axis=0)),
+        "basis": [_quantised(mode * sd) for mode, sd in zip(basis.modes, deviations, strict=True)],
+        "deviations": _rounded(deviations),
+        "faces": _indices(mesh.faces[order]),
+        "parts": [
+            {
+                "name": name,
+                "colour": PART_COLOURS[index % len(PART_COLOURS)],
+                "faces": int((mesh.face_part == index).sum()),
+            }
+            for index, name in enumerate(mesh.parts)
+        ],
+        "openings": [_indices(loop) for loop in mesh.loops.values()],
+        "views": [_rounded(view.axes) for view in (front, side)],
+        "sets": _mode_sets(basis, full.total_variance, dynamic),
+        "shapes": [
+            {"subject": id.subject, "phase": id.phase, "scores": _rounded(scores)}
+            for id, scores in zip(stored.ids, stored.scores[:, :count] / deviations, strict=True)
+        ],
+        "cycles": [] if dynamic is None else _cycles(basis, dynamic),
+        "left_out_share": round(basis.residual_variance / full.total_variance, 6),
+    }
+    return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def _mode_sets(
+    basis: ShapeModel, total: float, dynamic: DynamicModel | None
+) -> list[dict[str, Any]]:
+    named = [("all shapes", basis, total)]
+    if dynamic is not None:
+        named += [
+            (label, model, model.total_variance)
+            for label, model in (
+                ("between subjects", dynamic.between),
+                ("motion within subjects", dynamic.within),
+            )
+            if len(model.modes)
+        ]
+    sets = []
+    for label, model, variance in named:
+        modes = [
+            {
+                "sd": round(float(np.sqrt(model.variances[k])), 4),
+                "share": round(float(model.variances[k]) / variance, 4),
+                "coefficients": _coefficients(
+                    basis, basis.mean + np.sqrt(model.variances[k]) * model.modes[k]
+                ),
+            }
+            for k in range(min(SLIDERS, len(model.modes)))
+        ]
+        # Standard deviation of every point, from all modes and not only those with a slider.
+        spread = np.sqrt(np.einsum("k,kpd->p", model.variances, model.modes**2))
+        sets.append(
+            {
+                "label": label,
+                "mean": _coefficients(basis, model.mean),
+                "modes": modes,
+                "spread": _quantised(spread),
+            }
+        )
+    return sets
+
+
+def _cycles(basis: ShapeModel, dynamic: DynamicModel) -> list[dict[str, Any]]:
+    times = np.arange(FRAMES) / FRAMES
+    several = [
+        subject
+        for subject in dynamic.subjects
+        if sum(id.subject == subject for id in dynamic.ids) > 1
+    ]
+    named = [("mean cycle", mean_cycle(dynamic, times))]
+    named += [
+        (f"cycle of {subject}", resampled_cycle(dynamic, subject, times))
+        for subject in several[:SUBJECTS_WITH_CYCLES]
+    ]
+    return [
+        {"label": label, "frames": [_coefficients(basis, shape) for shape in shapes]}
+        for label, shapes in named
+    ]
+
+
+def _coefficients(basis: ShapeModel, shape: FloatArray) -> list[float]:
+    """Scores of a shape in standard deviations of the basis's modes."""
+    deviations = np.sqrt(np.maximum(basis.variances, np.finfo(np.float64).tiny))
+    scores: list[float] = _rounded(project(basis, shape) / deviations)
+    return scores
+
+
+def _rounded(values: FloatArray) -> Any:
+    return np.round(np.asarray(values, dtype=np.float64), 5).tolist()
+
+
+def _quantised(values: FloatArray) -> dict[str, Any]:
+    """Little-endian 16-bit integers and what one unit of them is; error at most half a unit."""
+    largest = float(np.abs(values).max(initial=0.0))
+    unit = largest / LARGEST_INTEGER if largest > 0.0 else 1.0
+    integers = np.round(values / unit).astype("<i2")
+    return {"unit": unit, "data": base64.b64encode(integers.tobytes()).decode("ascii")}
+
+
+def _indices(values: np.ndarray) -> str:
+    return base64.b64encode(values.astype("<u4").tobytes()).decode("ascii")

@@ -1,0 +1,208 @@
+"""Where openings are cut: planes and closed curves, from the study file or 3D Slicer Markups."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.errors import InputError
+
+__all__ = ["Cut", "Markups", "cut_heights", "curve_cut", "plane_cut", "read_markups"]
+
+DEFAULT_REACH_MM = 20.0
+"""The curve that a plane cuts must have its centre this near to the plane's own."""
+
+_LPS_FROM = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "1": (1.0, 1.0, 1.0),
+             "0": (-1.0, -1.0, 1.0)}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """A plane or a closed curve that opens one tube, mm in LPS.
+
+    Attributes
+    ----------
+    center : (3,) float64
+    normal : (3,) float64
+        Of length one; either way round.
+    reach : float
+        How far from `center` the centre of the curve on the surface may be.
+    curve : (n, 3) float64 or None
+        The closed curve to cut along, seen along the normal starlike about `center`.
+    """
+
+    center: FloatArray
+    normal: FloatArray
+    reach: float
+    curve: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "centre of a cut"))
+        normal = np.asarray(self.normal, dtype=np.float64)
+        length = float(np.linalg.norm(normal))
+        if not length > 0.0:
+            raise InputError("expected a normal of a cut, found a vector of length 0")
+        object.__setattr__(self, "normal", frozen_floats(normal / length, (3,), "normal"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Markups:
+    """What a Markups file holds, by name.
+
+    Attributes
+    ----------
+    cuts : mapping of str to Cut
+    points : mapping of str to (3,) float64, mm in LPS
+    """
+
+    cuts: Mapping[str, Cut]
+    points: Mapping[str, FloatArray]
+
+
+def plane_cut(center: FloatArray, normal: FloatArray, reach: float = DEFAULT_REACH_MM) -> Cut:
+    """Return the cut along a plane."""
+    return Cut(center, normal, reach)
+
+
+def curve_cut(curve: FloatArray) -> Cut:
+    """Return the cut along a closed curve (n, 3); it need not be planar."""
+    if len(curve) < 3:
+        raise InputError(f"expected a closed curve of three or more points, found {len(curve)}")
+    center = curve.mean(axis=0)
+    _, _, axes = np.linalg.svd(curve - center)
+    radius = float(np.linalg.norm(curve - center, axis=1).max())
+    return Cut(center, axes[2], max(radius, 1e-9), curve)
+
+
+def cut_heights(cut: Cut, points: FloatArray) -> FloatArray:
+    """Return the height (n,) of points over a cut; zero where it cuts.
+
+    Over a curve, the height over the curve's point in the same direction about the normal.
+    """
+    offset = points - cut.center
+    height: FloatArray = offset @ cut.normal
+    if cut.curve is None:
+        return height
+    helper = np.eye(3)[int(np.argmin(np.abs(cut.normal)))]
+    first = np.cross(cut.normal, helper)
+    first /= np.linalg.norm(first)
+    second = np.cross(cut.normal, first)
+    along = _densely(cut.curve) - cut.center
+    angle = np.arctan2(along @ second, along @ first)
+    order = np.argsort(angle, kind="stable")
+    own = np.arctan2(offset @ second, offset @ first)
+    level: FloatArray = np.interp(
+        own, angle[order], (along @ cut.normal)[order], period=2.0 * np.pi
+    )
+    return height - level
+
+
+def read_markups(path: Path) -> Markups:
+    """Read planes, closed curves and points from a 3D Slicer Markups JSON file.
+
+    A plane or curve is named by its markup, a point by its label.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not of that format, states no coordinate system, or holds other
+        kinds of markups.
+    """
+    try:
+        content = json.loads(path.read_bytes().decode("utf-8"))
+        listed = content["markups"]
+    except FileNotFoundError:
+        raise InputError(f"{path}: expected a Markups file, found none: check cuts") from None
+    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: expected 3D Slicer Markups (JSON), found {error}") from None
+    cuts: dict[str, Cut] = {}
+    points: dict[str, FloatArray] = {}
+    if not isinstance(listed, list):
+        raise InputError(f"{path}: expected a list of markups, found another value")
+    for number, item in enumerate(listed, start=1):
+        try:
+            _read_markup(item, number, cuts, points)
+        except InputError as error:
+            raise InputError(f"{path}: markup {number}: {error}") from None
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise InputError(
+                f"{path}: markup {number}: expected 3D Slicer's Markups schema, found {error!r}"
+            ) from None
+    return Markups(cuts, points)
+
+
+def _read_markup(
+    item: Mapping[str, Any], number: int, cuts: dict[str, Cut], points: dict[str, FloatArray]
+) -> None:
+    system = str(item.get("coordinateSystem", "")).upper()
+    if system not in _LPS_FROM:
+        raise InputError(
+            f'expected coordinateSystem "LPS" or "RAS", found "{system}": save it with one'
+        )
+    units = item.get("coordinateUnits", "mm")
+    if (units[0] if isinstance(units, list) else units) != "mm":
+        raise InputError(f"expected coordinateUnits mm, found {units}")
+    factors = np.array(_LPS_FROM[system])
+    controls = [
+        _point(point["position"])
+        for point in item.get("controlPoints", [])
+        if point.get("positionStatus", "defined") == "defined"
+    ]
+    kind, name = item["type"], str(item.get("name", f"markup {number}"))
+    if kind == "Plane":
+        center, normal = _plane(item, controls)
+        cuts[name] = plane_cut(factors * center, factors * normal, _reach(item))
+    elif kind == "ClosedCurve":
+        cuts[name] = curve_cut(factors * np.array(controls).reshape(-1, 3))
+    elif kind == "Fiducial":
+        labels = [str(point.get("label", "")) for point in item.get("controlPoints", [])]
+        points.update(
+            {label: factors * point for label, point in zip(labels, controls, strict=False)}
+        )
+    else:
+        raise InputError(f"expected a Plane, ClosedCurve or Fiducial, found {kind}")
+
+
+def _plane(item: Mapping[str, Any], controls: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    if "center" in item and "normal" in item:
+        return _point(item["center"]), _point(item["normal"])
+    if not controls:
+        raise InputError("expected a control point or centre and normal of the plane, found none")
+    if len(controls) >= 3:
+        one, two, three = controls[:3]
+        return np.mean(controls[:3], axis=0), np.cross(two - one, three - one)
+    base = np.array(item.get("baseToNode", np.eye(4)), dtype=np.float64).reshape(4, 4)
+    inner = np.array(item.get("objectToBase", np.eye(4)), dtype=np.float64).reshape(4, 4)
+    return controls[0], (base @ inner)[:3, 2]
+
+
+def _reach(item: Mapping[str, Any]) -> float:
+    bounds = item.get("planeBounds")
+    size = item.get("size")
+    if isinstance(size, list) and len(size) >= 2:
+        half = 0.5 * max(float(size[0]), float(size[1]))
+    elif isinstance(bounds, list) and len(bounds) == 4:
+        half = 0.5 * max(float(bounds[1]) - float(bounds[0]), float(bounds[3]) - float(bounds[2]))
+    else:
+        return DEFAULT_REACH_MM
+    return half if np.isfinite(half) and half > 0.0 else DEFAULT_REACH_MM
+
+
+def _point(values: Any) -> FloatArray:
+    point = np.array(values, dtype=np.float64)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError(f"expected three finite numbers, found {values}")
+    return point
+
+
+def _densely(curve: FloatArray) -> FloatArray:
+    """Return points along the straight pieces of a closed curve."""
+    share = np.linspace(0.0, 1.0, 16, endpoint=False)[:, None]
+    following = np.roll(curve, -1, axis=0)
+    pieces = curve[:, None] + share[None] * (following - curve)[:, None]
+    return pieces.reshape(-1, 3)

@@ -1,0 +1,183 @@
+"""The meshes of a shape's parts, from whatever its files are, and where they are to be cut."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ostiform.arrays import FloatArray
+from ostiform.errors import InputError
+from ostiform.study.label_parts import label_meshes, without_islands
+from ostiform.study.labelmaps import is_label_map
+from ostiform.study.markups import DEFAULT_REACH_MM, Cut, Markups, plane_cut, read_markups
+from ostiform.study.parts import check_frame, face_values, internal_factors
+from ostiform.study.settings import PlaneSettings, StudySettings
+from ostiform.study.study import ShapeEntry
+from ostiform.surface import RawMesh, face_areas, read_mesh, split_ostium_name, without_unreferenced
+
+__all__ = ["part_cuts", "part_meshes", "shape_markups", "stated_points"]
+
+
+def part_meshes(
+    settings: StudySettings, entry: ShapeEntry, cuts: Mapping[str, Mapping[str, Cut]]
+) -> tuple[dict[str, RawMesh], dict[str, dict[str, Cut]]]:
+    """Return the mesh of every part of a shape as its files hold it, in millimetres and LPS.
+
+    Parameters
+    ----------
+    settings : StudySettings
+    entry : ShapeEntry
+    cuts : mapping of str to mapping of str to Cut
+        By part and ostium.
+
+    Returns
+    -------
+    meshes : dict of str to RawMesh
+    cuts : dict of str to dict of str to Cut
+        Those that are still to be made: cuts between labels that touch are made here.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, damaged, of another frame, or does not hold its part.
+    """
+    for part in settings.parts:
+        if part not in entry.files:
+            raise InputError(f"expected a file for the part {part}, found none")
+    volumes = [part for part in settings.parts if is_label_map(entry.files[part])]
+    if volumes and len(volumes) < len(settings.parts):
+        raise InputError(
+            "expected meshes or label maps for all parts, found both: extract the surfaces first"
+        )
+    if volumes:
+        full = {f"{part}.{o}": cut for part, own in cuts.items() for o, cut in own.items()}
+        meshes = label_meshes(settings, entry.files, full)
+    elif settings.shapes.split:
+        meshes = _split_mesh(settings, entry)
+    else:
+        meshes = {part: _read(settings, part, entry) for part in settings.parts}
+    divided = volumes or settings.shapes.split
+    at_seams = {name for seam in settings.seam_pairs for name in (seam.first, seam.second)}
+    left = {
+        part: {o: cut for o, cut in own.items() if not (divided and f"{part}.{o}" in at_seams)}
+        for part, own in cuts.items()
+    }
+    return meshes, left
+
+
+def shape_markups(entry: ShapeEntry) -> Markups:
+    """Return what the Markups file of a shape holds; nothing where it has none."""
+    return Markups({}, {}) if entry.cuts is None else read_markups(entry.cuts)
+
+
+def part_cuts(
+    settings: StudySettings, entry: ShapeEntry, markups: Markups
+) -> dict[str, dict[str, Cut]]:
+    """Return the cuts of every part by ostium: of the shape itself, its subject, or all shapes.
+
+    Raises
+    ------
+    InputError
+        If a cut of the Markups file has the name of no ostium.
+    """
+    stated = {
+        **settings.cuts.planes,
+        **settings.cuts.shapes.get(entry.id.subject, {}),
+        **settings.cuts.shapes.get(str(entry.id), {}),
+    }
+    factors = internal_factors(settings)
+    cuts = {name: _plane(plane, factors) for name, plane in stated.items()}
+    for name, cut in markups.cuts.items():
+        owners = [full for full in settings.ostium_names if name in (full, full.partition(".")[2])]
+        if not owners:
+            raise InputError(
+                f"{entry.cuts}: expected cuts named by an ostium "
+                f'({", ".join(settings.ostium_names)}), found "{name}": rename the markup'
+            )
+        cuts.update(dict.fromkeys(owners, cut))
+    by_part: dict[str, dict[str, Cut]] = {part: {} for part in settings.parts}
+    for name, cut in cuts.items():
+        part, ostium = split_ostium_name(name)
+        by_part[part][ostium] = cut
+    return by_part
+
+
+def stated_points(settings: StudySettings, markups: Markups) -> dict[str, FloatArray]:
+    """Return the points of a Markups file by full ostium name, mm in LPS.
+
+    A point is named by an ostium in full or, where just one part has it, by the ostium alone;
+    other points are no rough points.
+    """
+    points = {}
+    for name, point in markups.points.items():
+        owners = [full for full in settings.ostium_names if name in (full, full.partition(".")[2])]
+        if len(owners) == 1:
+            points[owners[0]] = point
+    return points
+
+
+def _plane(plane: PlaneSettings, factors: FloatArray) -> Cut:
+    scale = abs(float(factors[0]))
+    reach = DEFAULT_REACH_MM if plane.reach is None else scale * plane.reach
+    return plane_cut(factors * np.array(plane.center), factors * np.array(plane.normal), reach)
+
+
+def _read(settings: StudySettings, part: str, entry: ShapeEntry) -> RawMesh:
+    try:
+        mesh = read_mesh(entry.files[part])
+        check_frame(settings, mesh)
+    except InputError as error:
+        where = "" if str(entry.files[part]) in str(error) else f" ({entry.files[part]})"
+        raise InputError(f"{part}{where}: {error}") from None
+    return replace(mesh, vertices=mesh.vertices * internal_factors(settings))
+
+
+def _split_mesh(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawMesh]:
+    """Return the parts of one mesh that a label of its cells or points tells apart."""
+    parts = settings.part_names
+    file = entry.files[parts[0]]
+    mesh = _read(settings, parts[0], entry)
+    array = str(settings.shapes.split["array"])
+    values = _majority(mesh, array) if array not in mesh.cell_data else None
+    try:
+        own = face_values(mesh, array, "shapes.split") if values is None else values
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    owner = np.full(len(mesh.faces), -1, dtype=np.int64)
+    for k, part in enumerate(parts):
+        owner[np.isin(own, np.ravel(settings.shapes.split[part]))] = k
+        if not (owner == k).any():
+            shown = ", ".join(f"{v:g}" for v in np.unique(own)[:12])
+            raise InputError(
+                f"{file}: expected triangles of value {settings.shapes.split[part]} in {array} for "
+                f"the part {part}, found the values {shown}: check shapes.split"
+            )
+    used = np.flatnonzero(owner >= 0)
+    owner[used] = without_islands(
+        mesh.faces[used], owner[used], face_areas(mesh.vertices, mesh.faces[used])
+    )
+    return {part: _part_of(mesh, owner == k) for k, part in enumerate(parts)}
+
+
+def _majority(mesh: RawMesh, array: str) -> FloatArray | None:
+    """Return the value (F,) of a point array that most corners of a face have."""
+    values = mesh.point_data.get(array)
+    if values is None or values.ndim != 1 or values.dtype.kind not in "iufb":
+        return None
+    # The middle of three values is that of at least two corners where two agree.
+    middle: FloatArray = np.sort(values[mesh.faces].astype(np.float64), axis=1)[:, 1]
+    return middle
+
+
+def _part_of(mesh: RawMesh, chosen: FloatArray) -> RawMesh:
+    rows = np.flatnonzero(chosen)
+    kept, faces = without_unreferenced(mesh.faces[rows], len(mesh.vertices))
+    point_data: Mapping[str, FloatArray] = {n: v[kept] for n, v in mesh.point_data.items()}
+    return RawMesh(
+        mesh.vertices[kept],
+        faces,
+        point_data,
+        {name: values[rows] for name, values in mesh.cell_data.items()},
+        mesh.space,
+        mesh.notes,
+    )

@@ -1,0 +1,150 @@
+"""The three models on shapes whose true correspondence is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ostiform.correspondence import (
+    CorrespondenceSettings,
+    correspond,
+    place,
+)
+from ostiform.correspondence.build import yardstick_of_template
+from ostiform.correspondence.description_length import description_length
+from ostiform.errors import InputError
+from ostiform.surface import exact_orientations
+from tests.oracles.warped_shapes import (
+    one_part_domain,
+    triangulated,
+    two_part_domain,
+    warped_family,
+    with_level,
+)
+
+SETTINGS = CorrespondenceSettings(levels=3, n_points=500, n_optimised=150, per="shape")
+
+
+def models(domain, settings=SETTINGS, order=slice(None), count=8):
+    family = warped_family(domain, count, np.random.default_rng(5), n_vertices=800)
+    template = with_level(triangulated(domain, 500), domain, 180)
+    samplers, ids = family.samplers[order], family.ids[order]
+    yardstick = yardstick_of_template(samplers, ids, domain, template, settings)
+    return family, yardstick, correspond(samplers, ids, yardstick, settings)
+
+
+@pytest.fixture(scope="module", params=[one_part_domain, two_part_domain])
+def built(request):
+    return models(request.param())
+
+
+def test_optimising_repairs_a_poor_start(built):
+    family, yardstick, trained = built
+    error = {
+        kind: family.error(yardstick.template, model.correspondence.directions, yardstick.weights)
+        for kind, model in trained.items()
+    }
+    assert error["optimal"] < 0.95 * error["conformal"]
+
+
+def test_every_model_is_more_concise_than_the_one_before(built):
+    _, yardstick, trained = built
+    lengths = [
+        description_length(trained[kind].correspondence.aligned, yardstick.weights, yardstick.l_cut)
+        for kind in ("conformal", "euclidean", "optimal")
+    ]
+    assert lengths[2] < lengths[1]
+    assert lengths[2] < lengths[0]
+
+
+def test_every_warp_is_a_homeomorphism_of_the_template(built):
+    _, yardstick, trained = built
+    for model in trained.values():
+        for directions in model.correspondence.directions:
+            assert (exact_orientations(directions, yardstick.template.faces) > 0).all()
+
+
+def test_the_objective_never_rises_within_a_level(built):
+    _, _, trained = built
+    records = [r for r in trained["optimal"].history if r.level > 1]
+    assert len(records) > 2
+    for before, after in zip(records, records[1:], strict=False):
+        if before.level == after.level and after.sweep > 1:
+            assert after.objective < before.objective * (1.0 + 1e-3)
+
+
+def test_control_points_grow_fourfold_per_part_and_level(built):
+    _, yardstick, trained = built
+    interior = trained["optimal"].interior
+    n_parts = len(yardstick.template.parts)
+    for level in (2, 3):
+        np.testing.assert_array_equal(
+            np.bincount(interior.part[interior.level == level], minlength=n_parts),
+            np.full(n_parts, 4 ** (level - 1)),
+        )
+    boundary = trained["optimal"].boundary
+    assert (boundary.curve >= 0).all()
+
+
+def test_the_same_input_gives_the_same_result():
+    (_, _, first), (_, _, second) = models(one_part_domain()), models(one_part_domain())
+    np.testing.assert_array_equal(
+        first["optimal"].correspondence.points, second["optimal"].correspondence.points
+    )
+
+
+def test_the_order_of_the_shapes_does_not_matter():
+    _, _, trained = models(one_part_domain())
+    _, _, turned = models(one_part_domain(), order=slice(None, None, -1))
+    family, yardstick, _ = models(one_part_domain(), count=8)
+    difference = np.linalg.norm(
+        trained["optimal"].correspondence.points - turned["optimal"].correspondence.points[::-1],
+        axis=2,
+    ).mean()
+    error = family.error(
+        yardstick.template, trained["optimal"].correspondence.directions, yardstick.weights
+    )
+    assert difference < 0.02 * error
+
+
+def test_the_papers_optimiser_shortens_the_description_too():
+    settings = replace(SETTINGS, optimiser="conjugate-gradient", levels=2, sweeps=3)
+    _, yardstick, trained = models(one_part_domain(), settings, count=5)
+    lengths = {
+        kind: description_length(model.correspondence.aligned, yardstick.weights, yardstick.l_cut)
+        for kind, model in trained.items()
+    }
+    assert lengths["optimal"] < lengths["conformal"]
+
+
+def test_a_left_out_shape_is_placed_without_folds(built):
+    family, yardstick, trained = built
+    for kind, model in trained.items():
+        placed = place(family.samplers[:1], model, jointly=False)
+        assert placed.points.shape == (1, len(yardstick.template.points), 3)
+        assert (exact_orientations(placed.directions[0], yardstick.template.faces) > 0).all()
+        if kind == "conformal":
+            np.testing.assert_array_equal(placed.directions[0], yardstick.template.points)
+
+
+def test_a_population_of_one_is_refused():
+    domain = one_part_domain()
+    family = warped_family(domain, 2, np.random.default_rng(5), n_vertices=800)
+    template = with_level(triangulated(domain, 500), domain, 180)
+    with pytest.raises(InputError, match="at least 2 shapes"):
+        yardstick_of_template(family.samplers[:1], family.ids[:1], domain, template, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("optimiser", "guess"),
+        ("levels", 0),
+        ("noise_mm", 0.0),
+        ("alignment", "affine"),
+        ("tolerance", -1.0),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(name, value):
+    with pytest.raises(InputError, match=name):
+        CorrespondenceSettings(**{name: value})

@@ -1,0 +1,264 @@
+"""The report in a real browser, without a network: it draws, it moves, it complains of nothing."""
+
+import hashlib
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from populations import population, two_part_template
+
+from ostiform.evaluation import part_volumes
+from ostiform.model import (
+    StoredModel,
+    dynamic_model_of,
+    fit_model,
+    mesh_of_template,
+    project,
+)
+from ostiform.report import (
+    Fact,
+    Page,
+    Section,
+    Table,
+    modes_section,
+    render_page,
+    viewer_section,
+    volumes_section,
+)
+
+pytestmark = pytest.mark.long
+
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+AXE = Path(__file__).parents[2] / "viewer" / "node_modules" / "axe-core" / "axe.min.js"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    sync_api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is missing: pip install --group browser"
+    )
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("chrome")
+    if path is None:
+        pytest.skip("no Chromium found on this machine")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    shapes = population(3, 5, np.random.default_rng(4), two_part_template(9, 24))
+    model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
+    stored = StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
+    page = Page(
+        "A study <b>&</b>",
+        "subtitle",
+        (Fact("certified", "3 of 3", True, "note"), Fact("bad", "1", False)),
+        (
+            viewer_section(stored, dynamic_model_of(stored)),
+            modes_section(model),
+            volumes_section(shapes.ids, part_volumes(shapes.points, model.mesh)),
+            Section("long", "Long", (), (), (Table("rows", ("a", "b"), (("x" * 60, "1"),) * 12),)),
+        ),
+        ("a warning",),
+    )
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    path.write_text(render_page(page), encoding="utf-8")
+    return path
+
+
+class Opened:
+    """A page, what it said on the console, and what it asked of the network."""
+
+    def __init__(self, context, report):
+        self.page = context.new_page()
+        self.complaints, self.requests = [], []
+        self.page.on("console", self._heard)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(report.as_uri())
+
+    def _heard(self, message):
+        if message.type in {"error", "warning"} and "GPU stall" not in message.text:
+            self.complaints.append(message.text)
+
+    def pixels(self):
+        """Hash of what the viewer shows, once it has drawn."""
+        self.page.evaluate("() => new Promise((go) => requestAnimationFrame(() => go()))")
+        self.page.wait_for_timeout(100)
+        shot = self.page.locator(".viewer .stage > canvas").screenshot()
+        return hashlib.sha256(shot).hexdigest()
+
+
+@pytest.fixture
+def opened(chromium, report, request):
+    context = chromium.new_context(offline=True, **getattr(request, "param", {}))
+    page = Opened(context, report)
+    yield page
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+    context.close()
+
+
+def slide(opened, index, value):
+    slider = opened.page.locator(f'input[data-mode="{index}"]')
+    slider.fill(str(value))
+
+
+def test_the_viewer_starts_and_hides_its_fallback(opened):
+    assert opened.page.locator("#viewer-root").get_attribute("data-ready") == "true"
+    assert not opened.page.locator("#viewer-fallback").is_visible()
+
+
+def test_every_slider_moves_pixels_and_the_button_brings_the_mean_back(opened):
+    mean = opened.pixels()
+    seen = {mean}
+    for index in range(2):
+        slide(opened, index, 2)
+        seen.add(opened.pixels())
+    assert len(seen) == 3
+    opened.page.get_by_role("button", name="Mean shape").click()
+    assert opened.pixels() == mean
+
+
+def test_a_slider_moves_with_the_keyboard(opened):
+    before = opened.pixels()
+    slider = opened.page.locator('input[data-mode="0"]')
+    slider.focus()
+    for _ in range(20):
+        opened.page.keyboard.press("ArrowRight")
+    assert float(slider.input_value()) == pytest.approx(1.0)
+    assert slider.get_attribute("aria-valuetext") == "1.00 standard deviations"
+    assert opened.pixels() != before
+
+
+def test_the_picture_turns_and_zooms_with_the_keyboard_and_comes_back(opened):
+    first = opened.pixels()
+    opened.page.locator(".viewer .stage > canvas").focus()
+    seen = {opened.pixels()}
+    for key in ("ArrowLeft", "ArrowDown", "+"):
+        opened.page.keyboard.press(key)
+        seen.add(opened.pixels())
+    assert len(seen) == 4
+    opened.page.keyboard.press("0")
+    opened.page.locator('input[data-mode="0"]').focus()  # without the frame of the focus
+    assert opened.pixels() == first
+
+
+def test_the_picture_turns_with_the_mouse(opened):
+    before = opened.pixels()
+    box = opened.page.locator(".viewer .stage > canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    opened.page.mouse.move(x, y)
+    opened.page.mouse.down()
+    opened.page.mouse.move(x + 80, y, steps=4)
+    opened.page.mouse.up()
+    assert opened.pixels() != before
+
+
+def test_the_cycle_plays_and_stops(opened):
+    opened.page.get_by_role("button", name="Play").click()
+    root = opened.page.locator("#viewer-root")
+    first, before = root.get_attribute("data-time"), opened.pixels()
+    opened.page.wait_for_timeout(300)
+    assert root.get_attribute("data-time") != first
+    assert opened.pixels() != before
+    opened.page.get_by_role("button", name="Pause").click()
+    stopped = root.get_attribute("data-time")
+    opened.page.wait_for_timeout(200)
+    assert root.get_attribute("data-time") == stopped
+
+
+@pytest.mark.parametrize("opened", [{"reduced_motion": "reduce"}], indirect=True)
+def test_with_reduced_motion_the_cycle_goes_in_steps(opened):
+    opened.page.get_by_role("button", name="Play").click()
+    root = opened.page.locator("#viewer-root")
+    opened.page.wait_for_timeout(400)
+    assert float(root.get_attribute("data-time")) == 0.0
+    opened.page.wait_for_timeout(1000)
+    assert float(root.get_attribute("data-time")) in {0.125, 0.25}
+
+
+def test_other_modes_cycles_colours_and_wires_change_the_picture(opened):
+    page = opened.page
+    seen = [opened.pixels()]
+    page.get_by_label("Colour").select_option("standard deviation of the points")
+    seen.append(opened.pixels())
+    slide(opened, 0, 1.5)
+    page.get_by_label("Colour").select_option("distance from the mean shape")
+    seen.append(opened.pixels())
+    page.get_by_label("wireframe").check()
+    seen.append(opened.pixels())
+    page.get_by_label("openings and seams").uncheck()
+    seen.append(opened.pixels())
+    page.get_by_label("Variation of").select_option("between subjects")
+    slide(opened, 0, 1.5)
+    seen.append(opened.pixels())
+    page.get_by_label("Modes are added to the").select_option("mean cycle")
+    page.get_by_label("Time in the cycle").fill("0.5")
+    seen.append(opened.pixels())
+    page.get_by_role("button", name="Side").click()
+    seen.append(opened.pixels())
+    assert len(set(seen)) == len(seen)
+
+
+def test_a_training_shape_is_put_on_the_sliders_and_overlaid(opened):
+    page = opened.page
+    before = opened.pixels()
+    page.get_by_label("Put the sliders at").select_option(index=3)
+    with_overlay = opened.pixels()
+    page.get_by_label("overlay the shape itself").uncheck()
+    assert len({before, with_overlay, opened.pixels()}) == 3
+    status = page.get_by_role("status").text_content()
+    away = float(re.search(r"is ([\d.]+) mm", status).group(1))
+    assert away < 0.5  # what six of fourteen modes leave of noise of 0.35 mm
+    assert any(float(page.locator(f'input[data-mode="{k}"]').input_value()) != 0 for k in range(6))
+
+
+NARROW = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+DARK = {"color_scheme": "dark"}
+
+
+@pytest.mark.parametrize("opened", [NARROW, DARK, {**NARROW, **DARK}], indirect=True)
+def test_small_and_dark_screens_show_everything_without_scrolling_sideways(opened):
+    page = opened.page
+    width = page.viewport_size["width"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    before = opened.pixels()
+    slide(opened, 0, 2)
+    assert opened.pixels() != before
+
+
+@pytest.mark.parametrize("opened", [{}, NARROW, DARK], indirect=True)
+def test_no_serious_fault_of_accessibility_is_found(opened):
+    if not AXE.is_file():
+        pytest.skip("axe-core is missing: cd viewer && npm ci")
+    opened.page.evaluate(AXE.read_text("utf-8"))
+    found = opened.page.evaluate("() => axe.run()")["violations"]
+    grave = [
+        (fault["id"], [node["target"] for node in fault["nodes"]])
+        for fault in found
+        if fault["impact"] in {"serious", "critical"}
+    ]
+    assert grave == []
+
+
+def test_without_javascript_the_page_says_where_the_pictures_are(chromium, report):
+    context = chromium.new_context(java_script_enabled=False, offline=True)
+    page = context.new_page()
+    page.goto(report.as_uri())
+    assert page.locator("#viewer-fallback").is_visible()
+    assert page.locator("#modes img").count() > 0
+    context.close()
+
+
+def test_without_webgl_the_page_says_where_the_pictures_are(chromium, report):
+    context = chromium.new_context(offline=True)
+    context.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    opened = Opened(context, report)
+    assert opened.page.locator("#viewer-fallback").is_visible()
+    assert opened.complaints == []
+    context.close()

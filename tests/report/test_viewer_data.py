@@ -1,0 +1,120 @@
+"""What the viewer gets is enough to show the model's shapes, to within half a unit."""
+
+import base64
+import json
+
+import numpy as np
+import pytest
+from populations import population, two_part_template
+
+from ostiform.evaluation import part_volumes
+from ostiform.model import (
+    StoredModel,
+    dynamic_model_of,
+    fit_model,
+    mean_cycle,
+    mesh_of_template,
+    project,
+    reconstruct,
+)
+from ostiform.report import viewer, viewer_data, viewer_section, volumes_section
+
+TOLERANCE_MM = 0.02  # half units of the mean and of a dozen modes of some 50 mm, times scores
+
+
+@pytest.fixture(scope="module")
+def stored():
+    shapes = population(3, 4, np.random.default_rng(4), two_part_template(9, 16))
+    model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
+    return StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
+
+
+@pytest.fixture(scope="module")
+def data(stored):
+    return json.loads(viewer_data(stored, dynamic_model_of(stored)))
+
+
+def numbers(record):
+    return record["unit"] * np.frombuffer(base64.b64decode(record["data"]), "<i2")
+
+
+def shape(data, coefficients):
+    mean = numbers(data["mean"]).reshape(-1, 3)
+    basis = np.stack([numbers(mode).reshape(-1, 3) for mode in data["basis"]])
+    return mean + np.tensordot(coefficients, basis, axes=1)
+
+
+def assert_same_shape(found, expected, model):
+    centre = model.mean.mean(axis=0)
+    np.testing.assert_allclose(found, expected - centre, atol=TOLERANCE_MM)
+
+
+def test_training_shapes_are_shown_as_they_are(data, stored):
+    for record, scores in zip(data["shapes"], stored.scores, strict=True):
+        expected = reconstruct(stored.model, scores)
+        assert_same_shape(shape(data, record["scores"]), expected, stored.model)
+
+
+def test_the_modes_of_all_sets_are_those_of_the_models(data, stored):
+    dynamic = dynamic_model_of(stored)
+    models = [stored.model, dynamic.between, dynamic.within]
+    labels = [record["label"] for record in data["sets"]]
+    assert labels == ["all shapes", "between subjects", "motion within subjects"]
+    for record, model in zip(data["sets"], models, strict=True):
+        for k, mode in enumerate(record["modes"]):
+            coefficients = np.add(record["mean"], 2.0 * np.array(mode["coefficients"]))
+            expected = model.mean + 2.0 * np.sqrt(model.variances[k]) * model.modes[k]
+            assert_same_shape(shape(data, coefficients), expected, stored.model)
+        spread = np.sqrt((model.variances[:, None, None] * model.modes**2).sum(axis=(0, 2)))
+        np.testing.assert_allclose(numbers(record["spread"]), spread, atol=TOLERANCE_MM)
+
+
+def test_the_mean_cycle_is_that_of_the_dynamic_model(data, stored):
+    frames = data["cycles"][0]["frames"]
+    expected = mean_cycle(dynamic_model_of(stored), np.arange(len(frames)) / len(frames))
+    for frame, points in zip(frames, expected, strict=True):
+        assert_same_shape(shape(data, frame), points, stored.model)
+
+
+def test_triangles_are_grouped_by_part(data, stored):
+    faces = np.frombuffer(base64.b64decode(data["faces"]), "<u4").reshape(-1, 3)
+    first = data["parts"][0]["faces"]
+    mesh = stored.model.mesh
+    assert {tuple(face) for face in faces[:first]} == {
+        tuple(face) for face in mesh.faces[mesh.face_part == 0]
+    }
+    assert sum(part["faces"] for part in data["parts"]) == len(mesh.faces)
+    assert len(data["openings"]) == len(mesh.loops)
+
+
+def test_without_phases_there_is_one_set_and_no_cycle(stored):
+    data = json.loads(viewer_data(stored, None))
+    assert len(data["sets"]) == 1
+    assert data["cycles"] == []
+    assert "cycle" not in " ".join(viewer_section(stored, None).paragraphs)
+
+
+def test_a_page_that_would_grow_too_large_loses_the_last_modes(stored, monkeypatch):
+    count = len(stored.model.mean)
+    monkeypatch.setattr(viewer, "BUDGET", 3 * viewer.CHARACTERS_PER_POINT * count)
+    data = json.loads(viewer_data(stored, dynamic_model_of(stored)))
+    assert len(data["basis"]) == 3
+    assert sum(len(mode["data"]) for mode in data["basis"]) <= viewer.BUDGET
+    variances = stored.model.variances
+    np.testing.assert_allclose(
+        data["left_out_share"], variances[3:].sum() / variances.sum(), atol=1e-6
+    )
+
+
+def test_volumes_are_told_as_curves_or_as_a_table(stored):
+    points = reconstruct(stored.model, stored.scores)
+    volumes = part_volumes(points, stored.model.mesh)
+    curves = volumes_section(stored.ids, volumes)
+    assert [picture.name for picture in curves.pictures] == ["volumes"]
+    assert len(curves.tables[0].rows) == 6
+    few = [0, 4, 8]  # one phase of every subject
+    table = volumes_section(
+        [stored.ids[i] for i in few], {part: values[few] for part, values in volumes.items()}
+    )
+    assert table.pictures == ()
+    assert [row[0] for row in table.tables[0].rows] == [str(stored.ids[i]) for i in few]
