@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo
 
-.PHONY: demo test test-long lint format docs benchmarks clean
+.PHONY: demo test test-long test-browser viewer lint format docs benchmarks clean
 
 demo: $(VENV)/installed
 	$(BIN)/ostiform demo -o $(OUT)
@@ -14,6 +14,16 @@ test: $(VENV)/installed-test
 
 test-long: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "long or not long"
+
+# Needs Chromium on the PATH; `npm ci --prefix viewer` adds the checks of accessibility.
+test-browser: $(VENV)/installed-test
+	$(BIN)/python -m pip install --quiet --group browser
+	$(BIN)/python -m pytest -m long tests/report/test_browser.py
+
+# Rebuilds what the package carries in src/ostiform/report/assets; only this needs Node and npm.
+viewer:
+	npm ci --prefix viewer
+	npm run build --prefix viewer
 
 lint: $(VENV)/installed-lint
 	$(BIN)/ruff check .

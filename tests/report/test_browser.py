@@ -1,12 +1,14 @@
 """The report in a real browser, without a network: it draws, it moves, it complains of nothing."""
 
 import hashlib
+import io
 import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from populations import population, two_part_template
 
 from ostiform.evaluation import part_volumes
@@ -87,10 +89,17 @@ class Opened:
 
     def pixels(self):
         """Hash of what the viewer shows, once it has drawn."""
-        self.page.evaluate("() => new Promise((go) => requestAnimationFrame(() => go()))")
-        self.page.wait_for_timeout(100)
+        return hashlib.sha256(self.picture().tobytes()).hexdigest()
+
+    def picture(self):
+        """What the viewer shows, once it has drawn, (H, W, 3) uint8."""
+        self.page.evaluate(
+            "() => new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))"
+        )
+        self.page.wait_for_timeout(150)
         shot = self.page.locator(".viewer .stage > canvas").screenshot()
-        return hashlib.sha256(shot).hexdigest()
+        with Image.open(io.BytesIO(shot)) as image:
+            return np.asarray(image.convert("RGB"))
 
 
 @pytest.fixture
@@ -136,16 +145,16 @@ def test_a_slider_moves_with_the_keyboard(opened):
 
 
 def test_the_picture_turns_and_zooms_with_the_keyboard_and_comes_back(opened):
-    first = opened.pixels()
     opened.page.locator(".viewer .stage > canvas").focus()
+    first = opened.picture()
     seen = {opened.pixels()}
     for key in ("ArrowLeft", "ArrowDown", "+"):
         opened.page.keyboard.press(key)
         seen.add(opened.pixels())
     assert len(seen) == 4
     opened.page.keyboard.press("0")
-    opened.page.locator('input[data-mode="0"]').focus()  # without the frame of the focus
-    assert opened.pixels() == first
+    changed = (np.abs(opened.picture().astype(int) - first) > 8).any(axis=2)
+    assert changed.mean() < 1e-3  # pixels at edges, by rounding of the camera's place
 
 
 def test_the_picture_turns_with_the_mouse(opened):
@@ -216,6 +225,8 @@ def test_a_training_shape_is_put_on_the_sliders_and_overlaid(opened):
     away = float(re.search(r"is ([\d.]+) mm", status).group(1))
     assert away < 0.5  # what six of fourteen modes leave of noise of 0.35 mm
     assert any(float(page.locator(f'input[data-mode="{k}"]').input_value()) != 0 for k in range(6))
+    page.get_by_label("Put the sliders at").select_option("none")
+    assert opened.pixels() == before
 
 
 NARROW = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}

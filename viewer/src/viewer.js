@@ -103,7 +103,7 @@ class Viewer {
     );
     this.cycleSelect = select;
     this.phase = element('input', { type: 'range', min: 0, max: 1, step: 0.01, value: 0 });
-    this.phaseText = element('output');
+    this.phaseText = element('span', { className: 'value', ariaHidden: 'true' });
     this.phase.addEventListener('input', () => {
       if (!this.cycle) this.chooseCycle(0);
       this.time = Number(this.phase.value);
@@ -189,7 +189,7 @@ class Viewer {
         value: 0,
         dataset: { mode: String(index) },
       });
-      const text = element('output');
+      const text = element('span', { className: 'value', ariaHidden: 'true' });
       input.addEventListener('input', () => {
         this.scores[index] = Number(input.value);
         this.update();
@@ -224,6 +224,7 @@ class Viewer {
   }
 
   chooseShape(index) {
+    if (this.shape) this.scores = this.scores.map(() => 0);
     this.shape = index < 0 ? null : this.model.shapes[index];
     this.shapeSelect.value = String(index);
     if (this.shape) {
@@ -289,6 +290,7 @@ class Viewer {
     if (this.phase) {
       this.phase.value = String(this.time);
       this.phaseText.textContent = this.cycle ? this.time.toFixed(2) : '';
+      this.phase.setAttribute('aria-valuetext', `${this.time.toFixed(2)} of the cycle`);
       this.root.dataset.time = this.time.toFixed(4);
     }
     this.showColours();

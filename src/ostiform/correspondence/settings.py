@@ -55,10 +55,10 @@ class CorrespondenceSettings:
     alignment: AlignmentMode = "rigid"
     per: Literal["subject", "shape"] = "subject"
     sweeps: int = 10
-    tolerance: float = 1e-3
-    stretch: float = 400.0
-    offset: float = 400.0
-    metric: float = 0.0
+    tolerance: float = 2e-3
+    stretch: float = 100.0
+    offset: float = 100.0
+    metric: float = 3000.0
     euclidean_noise_mm: float | None = None
     seed: int = 0
 

@@ -139,16 +139,14 @@ class Proposal:
     Attributes
     ----------
     coefficients : (D,) float64
-    objective : float
-        The shape's objective before the step.
-    expected : float
-        Decrease that the quadratic model promises: the squared gradient in the metric of its
+    half_gradient : (D,) float64
+        Half the derivative of the shape's objective. Minus its product with the coefficients is
+        the decrease that the quadratic model promises: the squared gradient in the metric of its
         Hessian, so a measure of the gradient without units.
     """
 
     coefficients: FloatArray
-    objective: float
-    expected: float
+    half_gradient: FloatArray
 
 
 def warp_level(
@@ -228,9 +226,7 @@ def propose(
         state.damping * np.maximum(diagonal, 1e-3 * max(diagonal.mean(), np.finfo(float).tiny))
     )
     coefficients = -cho_solve(cho_factor(damped, check_finite=False), half_gradient)
-    expected = -float(half_gradient @ coefficients)
-    before = objective(state, level, goal, transform)
-    return Proposal(coefficients, before, expected)
+    return Proposal(coefficients, half_gradient)
 
 
 def advance(

@@ -223,7 +223,8 @@ def joint_sweep(
     ]
     parts = np.array([part for _, part in outcomes])
     moved = replace(population, states=tuple(state for state, _ in outcomes))
-    expected = sum(proposal.expected for proposal in proposals) / max(len(proposals) - 1, 1)
+    gradients = np.stack([proposal.half_gradient for proposal in proposals])  # (N, D)
+    expected = max(-float(np.sum(gradients * steps)), 0.0) / max(len(proposals) - 1, 1)
     return moved, sweep_outcome(population, moved, steps * parts[:, None], expected)
 
 
