@@ -1,5 +1,7 @@
 """The command line; nothing else in the package prints."""
 
+import os
+
 from cyclopts import App
 
 from ostiform import __version__
@@ -40,5 +42,11 @@ for _name, (_module, _help) in COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line; ends the process with the command's exit code."""
+    """Run the command line; ends the process with the command's exit code.
+
+    Linear algebra gets one thread unless the environment says otherwise: work is shared out over
+    shapes by processes, and threads that wait for each other on matrices this small only cost.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # before a command imports NumPy
     app()
