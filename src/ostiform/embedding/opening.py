@@ -42,8 +42,13 @@ LEAST_WIDTH = 0.01
 CLEARANCE = 0.4
 BOWS = (0.7, -0.7, 1.4, -1.4)
 
-# A disc is spread where its middle has to be enlarged more than this.
+# A disc is spread where its middle has to be enlarged more than this, or is further from the
+# centre than this share of the radius.
 CROWDED = 3.0
+OFF_CENTRE = 0.4
+LARGEST_SHIFT = 0.95
+# Largest share of the disc's radius that the middle may have, before and after.
+LARGEST_CORE = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,15 +87,15 @@ def opened_disc(disc: Disc, outer_directions: FloatArray | None = None) -> Opene
     radii = np.array([radius for _, radius in images])
     if outer_directions is None:
         azimuth = -arc_length_angles(disc.vertices, disc.outer.loop)
-        zeta, apexes = tutte_disc(disc, azimuth)
-        turn = np.exp(1j * np.angle(np.sum(targets * np.conj(apexes)))) if len(apexes) else 1.0
-        zeta, apexes = zeta * turn, apexes * turn
     else:
         turned = outer_directions @ frame.T
-        zeta, apexes = tutte_disc(disc, np.arctan2(turned[:, 1], turned[:, 0]))
-    tutte = zeta
-    zeta, apexes = _spread(disc, zeta, apexes, outer_radius)
-    if outer_directions is not None and len(apexes):
+        azimuth = np.arctan2(turned[:, 1], turned[:, 0])
+    tutte, apexes = tutte_disc(disc, azimuth)
+    zeta, apexes = _spread(disc, tutte, apexes, outer_radius)
+    if outer_directions is None and len(apexes):
+        turn = np.exp(1j * np.angle(np.sum(targets * np.conj(apexes))))
+        tutte, zeta, apexes = tutte * turn, zeta * turn, apexes * turn
+    elif len(apexes):
         zeta, apexes = _swirled(zeta, apexes, targets, outer_radius)
     zeta, apexes = _flowed(zeta, apexes, targets, outer_radius)
     opened = zeta.copy()
@@ -126,37 +131,54 @@ def opened_disc(disc: Disc, outer_directions: FloatArray | None = None) -> Opene
 def _spread(
     disc: Disc, zeta: ComplexArray, apexes: ComplexArray, radius: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Enlarge the middle of a disc that Tutte's map has crowded most of the surface into.
+    """Bring the bulk of a surface that Tutte's map has crowded somewhere to the disc's middle.
 
-    Behind a tube the rest of the surface is exponentially small. A disc about its middle that
-    holds most of it is enlarged until half of the surface is in either hemisphere; from there to
-    the outer circle the logarithm of the distance is mapped linearly.
+    Behind a tube the rest of the surface is exponentially small, behind one side of a long outer
+    loop it is close to the border. The automorphism of the disc that takes its median to the
+    centre is followed by an enlargement, until half of the surface is in either hemisphere; the
+    annulus from there to the outer circle takes up the difference: the logarithm of the distance
+    is mapped linearly, the angle is blended to that of the outer loop, which stays where it is.
     """
     weights = vertex_areas(disc.vertices, disc.faces)
     middle = complex(_weighted_median(zeta.real, weights), _weighted_median(zeta.imag, weights))
-    distance = np.abs(zeta - middle)
-    half = _weighted_median(distance, weights)
-    core = 4.0 * half
-    room = radius - abs(middle)
-    scale = min(1.0 / half, 0.7 * room / core)
-    if scale < CROWDED:
+    shift = middle / radius
+    shift *= min(1.0, LARGEST_SHIFT / max(abs(shift), 1e-12))
+    border = zeta[disc.outer.loop]
+    centred, on_border = (
+        _disc_shifted(points, shift, radius) for points in (np.append(zeta, apexes), border)
+    )
+    turn = np.exp(1j * np.angle(np.mean(border / on_border)))
+    centred, on_border = centred * turn, on_border * turn
+    half = _weighted_median(np.abs(centred[: len(zeta)]), weights)
+    core = min(4.0 * half, LARGEST_CORE * radius)
+    scale = min(1.0 / half, LARGEST_CORE * radius / core)
+    if scale < CROWDED and abs(shift) < OFF_CENTRE:
         return zeta, apexes
+    scale = max(scale, 1.0)
+    away = np.maximum(np.abs(centred), 1e-300)
+    angle = np.angle(centred)
+    share = np.clip(np.log(away / core) / np.log(radius / core), 0.0, 1.0)
+    outside = scale * core * (radius / (scale * core)) ** share
+    bent = angle + share**2 * _periodic(
+        angle, np.angle(on_border), _continuous(np.angle(border / on_border))
+    )
+    moved = np.where(away < core, scale * away, outside) * np.exp(1j * bent)
+    moved[disc.outer.loop] = border
+    return moved[: len(zeta)], moved[len(zeta) :]
 
-    def spread(points: ComplexArray) -> ComplexArray:
-        offsets = points - middle
-        away = np.maximum(np.abs(offsets), 1e-300)
-        unit = offsets / away
-        along = (np.conj(middle) * unit).real
-        border = np.sqrt(along**2 + radius**2 - abs(middle) ** 2) - along  # to the outer circle
-        share = np.clip(np.log(away / core) / np.log(border / core), 0.0, 1.0)
-        outside = scale * core * (border / (scale * core)) ** share
-        moved: ComplexArray = middle + unit * np.where(away < core, scale * away, outside)
-        return moved
 
-    on_border = zeta[disc.outer.loop]
-    spread_zeta = spread(zeta)
-    spread_zeta[disc.outer.loop] = on_border
-    return spread_zeta, spread(apexes)
+def _disc_shifted(points: ComplexArray, shift: complex, radius: float) -> ComplexArray:
+    """Apply the automorphism of the disc of a radius that takes ``shift * radius`` to zero."""
+    unit = points / radius
+    shifted: ComplexArray = radius * (unit - shift) / (1.0 - np.conj(shift) * unit)
+    return shifted
+
+
+def _continuous(differences: FloatArray) -> FloatArray:
+    """Unwrap angle differences along a loop, of two angles that both go round once."""
+    unwrapped = np.unwrap(differences)
+    continuous: FloatArray = unwrapped - 2.0 * np.pi * np.round(unwrapped.mean() / (2.0 * np.pi))
+    return continuous
 
 
 def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
@@ -368,8 +390,4 @@ def _arc_length_shift(
     arc = -arc_length_angles(disc.vertices, loop)
     turn = np.angle(np.mean(np.exp(1j * (natural - arc))))
     placed = stereographic(circle.points(arc + turn)) - center
-    raw = np.angle(placed) - angles
-    # unwrap along the loop: both angles increase, so the shift is continuous; its mean is least
-    unwrapped = np.unwrap(raw)
-    shift: FloatArray = unwrapped - 2.0 * np.pi * np.round(unwrapped.mean() / (2.0 * np.pi))
-    return shift
+    return _continuous(np.angle(placed) - angles)
