@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo
 
-.PHONY: demo test test-long test-browser viewer lint format docs benchmarks clean
+.PHONY: demo test test-long fuzz test-browser viewer lint format docs benchmarks clean
 
 demo: $(VENV)/installed
 	$(BIN)/ostiform demo -o $(OUT)
@@ -14,6 +14,11 @@ test: $(VENV)/installed-test
 
 test-long: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "long or not long"
+
+# Damaged files for every reader; see docs/robustness.md.
+CASES ?= 1000
+fuzz: $(VENV)/installed-test
+	$(BIN)/python -m tests.fuzz --cases $(CASES)
 
 # Needs Chromium on the PATH; `npm ci --prefix viewer` adds the checks of accessibility.
 test-browser: $(VENV)/installed-test
@@ -38,7 +43,7 @@ docs: $(VENV)/installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 
 clean:
-	rm -rf $(VENV) $(OUT) build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(OUT) build dist docs/_build docs/gallery .pytest_cache .mypy_cache .ruff_cache
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -1,8 +1,23 @@
 """Configuration of the documentation; build it with ``make docs``."""
 
+import os
 import re
+import sys
+from pathlib import Path
 
-from ostiform import __version__
+os.environ["PYVISTA_OFF_SCREEN"] = "true"  # before PyVista is imported
+os.environ.setdefault("MPLBACKEND", "Agg")
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+import pyvista  # noqa: E402
+from figures import FigureScraper  # noqa: E402
+
+from ostiform import __version__  # noqa: E402
+
+pyvista.OFF_SCREEN = True
+pyvista.BUILDING_GALLERY = True
 
 project = "Ostiform"
 author = "The Ostiform developers"
@@ -13,11 +28,32 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "sphinx_gallery.gen_gallery",
+    "mathml",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "extensions"]
+html_math_renderer = "mathml"
+html_static_path = ["static"]
+html_css_files = ["ostiform.css"]
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "filename_pattern": "/plot_",
+    "image_scrapers": ("matplotlib", "pyvista", FigureScraper()),
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_memory": False,
+    "show_signature": False,
+    "min_reported_time": 1e9,
+    "plot_gallery": True,
+    "abort_on_example_error": True,
+    "reset_modules": ("matplotlib",),
+}
+# Gallery settings cannot be pickled; names that a package passes on are found twice.
+suppress_warnings = ["config.cache", "ref.python"]
 nitpicky = False
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
@@ -37,10 +73,11 @@ html_theme_options = {
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
     "show_toc_level": 2,
-    "header_links_before_dropdown": 9,
+    "header_links_before_dropdown": 6,
 }
 html_sidebars = {"*": []}
 html_show_sourcelink = False
+html_copy_source = False
 
 SEVERAL_NAMES = re.compile(r"(\w+(?:, \w+)+) : (.+)")
 

@@ -1,12 +1,9 @@
 """One population through the command line: files in, model and evidence out, nothing lost."""
 
 import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import h5py
@@ -153,43 +150,6 @@ def test_a_damaged_artifact_is_made_again(study, results, tmp_path):
     np.testing.assert_array_equal(mended.directions, good.directions)
 
 
-def test_a_killed_build_resumes_to_the_same_result(study, results, tmp_path):
-    output = tmp_path / "out"
-    kill_once(study, output, lambda: any((output / "embeddings").glob("*.npz")))
-    run = ostiform("correspond", study, "-o", output, "-w", 1)
-    assert run.returncode == 0, run.stderr
-    assert_same_points(output, results)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(20))
-def test_a_build_killed_at_any_moment_resumes_to_the_same_result(study, results, tmp_path, seed):
-    output = tmp_path / "out"
-    moment = time.monotonic() + np.random.default_rng(seed).uniform(1.0, 40.0)
-    kill_once(study, output, lambda: time.monotonic() > moment)
-    run = ostiform("build", study, "-o", output, "-w", 1)
-    assert run.returncode == 0, run.stderr
-    assert_same_points(output, results)
-
-
-def kill_once(study, output, is_due) -> None:
-    """Start a build and kill it when due; it may end before."""
-    command = [sys.executable, "-m", "ostiform", "build", str(study), "-o", str(output), "-w", "1"]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as process:
-        while process.poll() is None and not is_due():
-            time.sleep(0.05)
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-
-
-def assert_same_points(output, results) -> None:
-    found = read_correspondence(output / "optimal" / "correspondence.h5")
-    expected = read_correspondence(results / "optimal" / "correspondence.h5")
-    np.testing.assert_array_equal(found.points, expected.points)
-
-
 @pytest.fixture
 def broken(study, tmp_path) -> Path:
     """A copy of the study whose first file is truncated."""
@@ -246,19 +206,3 @@ def test_a_file_in_the_place_of_the_output_folder_is_refused(study, tmp_path):
     run = ostiform("build", study, "-o", tmp_path / "out")
     assert run.returncode == 2
     assert "expected a folder for the results" in run.stderr
-
-
-def test_ctrl_c_stops_and_says_how_to_go_on(study, tmp_path):
-    command = [
-        *(sys.executable, "-m", "ostiform", "build", str(study)),
-        *("-o", str(tmp_path / "out"), "-w", "2"),
-    ]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as process:
-        while not any((tmp_path / "out" / "shapes").glob("*.npz")) and process.poll() is None:
-            time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "run the same command again" in errors

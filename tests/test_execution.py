@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -26,6 +28,18 @@ def killed_once(marker: str) -> str:
 
 def always_killed(_: int) -> int:
     os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def killed_if_odd(item: int) -> int:
+    if item % 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item
+
+
+def worker_of_worker(pid_file: str) -> int:
+    Path(pid_file).write_text(str(os.getpid()))
+    time.sleep(600.0)
     return 0
 
 
@@ -56,6 +70,41 @@ def test_a_killed_worker_costs_only_its_own_items(tmp_path):
 def test_workers_that_keep_dying_end_in_one_sentence():
     with Workers(2) as workers, pytest.raises(OstiformError, match="run again with fewer workers"):
         list(workers.each(always_killed, [1, 2]))
+
+
+def test_items_that_crash_their_worker_fail_and_cost_no_other():
+    with Workers(2) as workers:
+        outcomes = sorted(workers.each(killed_if_odd, [0, 1, 2, 4, 6, 3, 8]), key=lambda o: o.index)
+    assert [outcome.value for outcome in outcomes] == [0, None, 2, 4, 6, None, 8]
+    for failed in (outcomes[1], outcomes[5]):
+        with pytest.raises(OstiformError, match="crash in compiled code"):
+            _ = failed.result
+
+
+def test_workers_end_when_their_parent_is_killed(tmp_path):
+    pid_file = tmp_path / "pid"
+    program = (
+        "from ostiform.execution import Workers\n"
+        "from tests.test_execution import worker_of_worker\n"
+        "if __name__ == '__main__':\n"
+        f"    list(Workers(2).each(worker_of_worker, [{str(pid_file)!r}] * 2))\n"
+    )
+    (tmp_path / "program.py").write_text(program)
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    with subprocess.Popen([sys.executable, tmp_path / "program.py"], env=environment) as parent:
+        while not (pid_file.is_file() and pid_file.read_text()) and parent.poll() is None:
+            time.sleep(0.05)
+        worker = int(pid_file.read_text())
+        parent.kill()
+    while is_running(worker):  # the test ends only if the worker does
+        time.sleep(0.05)
+
+
+def is_running(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_the_same_processes_serve_several_calls():

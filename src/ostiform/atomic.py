@@ -8,7 +8,10 @@ from pathlib import Path
 
 from ostiform.errors import ArtifactError
 
-__all__ = ["atomically"]
+__all__ = ["atomically", "remove_leftovers"]
+
+PREFIX = ".writing-"
+"""Of temporary files, which only a kill leaves behind."""
 
 
 @contextmanager
@@ -36,7 +39,7 @@ def atomically(path: Path) -> Iterator[Path]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".writing-", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=PREFIX, suffix=path.suffix, dir=path.parent)
         os.close(handle)
         temporary = Path(name)
         yield temporary
@@ -52,6 +55,30 @@ def atomically(path: Path) -> Iterator[Path]:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files that killed programs left below a folder; links are not followed.
+
+    Nobody else may be writing there.
+
+    Raises
+    ------
+    ArtifactError
+        If one cannot be removed.
+    """
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            if name.startswith(PREFIX):
+                path = Path(parent, name)
+                try:
+                    path.unlink(missing_ok=True)
+                except OSError as error:
+                    raise ArtifactError(
+                        f"{path}: expected to remove this leftover of a killed run, found that "
+                        f"{error.strerror or error}; make the output folder writable or choose "
+                        "another one"
+                    ) from error
 
 
 def _umask() -> int:

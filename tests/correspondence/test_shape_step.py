@@ -8,6 +8,7 @@ import pytest
 from ostiform.arrays import FloatArray
 from ostiform.correspondence import CorrespondenceSettings, correspond
 from ostiform.correspondence.build import yardstick_of_template
+from ostiform.correspondence.coherence import coherence_about, coherence_value
 from ostiform.correspondence.conjugate_gradient import conjugate_gradient_sweep
 from ostiform.correspondence.control_points import (
     basis_of,
@@ -40,6 +41,7 @@ from ostiform.correspondence.shape_step import (
     warp_level,
 )
 from ostiform.correspondence.sweeps import (
+    Journal,
     LevelStatus,
     Population,
     SweepObjective,
@@ -221,21 +223,25 @@ def test_a_sweep_leaves_no_velocity_common_to_all_shapes(population):
     assert outcome.drift < 1e-10
 
 
-def test_conjugate_gradients_lower_the_objective_and_follow_their_seed(population):
+@pytest.mark.parametrize("strength", [0.0, 2e5])
+def test_conjugate_gradients_lower_the_objective_and_follow_their_seed(population, strength):
+    mean = population.population.aligned.mean(axis=0)
+    coherence = coherence_about(mean, population.weights, strength)
+
     def swept(seed):
         return conjugate_gradient_sweep(
             population.family.samplers,
             population.population,
             population.level,
-            population.weights,
             population.l_cut,
+            coherence,
             np.random.default_rng(seed),
         )[0]
 
     def value(current):
-        return description_length(
-            current.aligned, population.weights, population.l_cut
-        ) + mean_penalty(current, population.level)
+        length = description_length(current.aligned, population.weights, population.l_cut)
+        rough = coherence_value(coherence, current.aligned)
+        return length + rough + mean_penalty(current, population.level)
 
     first, again = swept(1), swept(1)
     assert value(first) < value(population.population)
@@ -251,7 +257,7 @@ def test_every_status_is_reached(population):
             chosen,
             ("optimal", 2),
             (sweeps, tolerance),
-            None,
+            Journal(),
         )
 
     form = population.form

@@ -238,7 +238,7 @@ def dense_penalised_fit(values, labels, moments, choice):
     member = np.array([[label == name for name in names] for label in labels], dtype=float)
     own = np.einsum("ns,nh->nsh", member, waves).reshape(len(labels), -1)
     design = np.concatenate([member, waves, own], axis=1)
-    powers = np.repeat(np.arange(1, harmonics + 1), 2) ** 3.0
+    powers = np.repeat(np.arange(1, harmonics + 1), 2) ** 4.0
     common = len(labels) / len(names) * smoothness * powers
     penalty = np.concatenate(
         [np.zeros(len(names)), common, np.tile(stiffness * common, len(names))]

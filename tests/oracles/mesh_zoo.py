@@ -298,6 +298,71 @@ def _into(name):
     return make
 
 
+def _with_handles(count):
+    """Join pairs of small holes by tubes through the cavity."""
+
+    def change(vertices, faces):
+        ends = [((0.0, 1.0, 0.1), (0.9, 0.3, -0.1)), ((0.0, -1.0, 0.1), (-0.9, -0.3, -0.1))]
+        holes = [(end, 0.15, 12) for pair in ends[:count] for end in pair]
+        vertices, faces = holed_sphere(900, [MITRAL, RIGHT, LEFT, *holes])
+        loops = boundary_loops(faces)
+        centers = np.array([vertices[loop].mean(axis=0) for loop in loops])
+        tubes = []
+        for pair in ends[:count]:
+            one, two = (
+                loops[int(np.argmax(centers @ (np.array(e) / np.linalg.norm(e))))] for e in pair
+            )
+            a, b = one[::-1], two
+            for i in range(12):
+                j = (i + 1) % 12
+                tubes += [[a[i], a[j], b[i]], [a[j], b[j], b[i]]]
+        return RADIUS_MM * vertices, np.vstack([faces, tubes])
+
+    return change
+
+
+def _thin(vertices, faces):
+    # A vertex is moved almost onto the far edge of one of its triangles.
+    v = _middle(vertices)
+    a, b = (int(w) for w in faces[(faces == v).any(axis=1)][0] if w != v)
+    moved = vertices.copy()
+    moved[v] = 0.5 * (vertices[a] + vertices[b]) + 1e-3 * (vertices[v] - vertices[a])
+    return moved, faces
+
+
+def _infinite(folder):
+    return _nan(folder).replace(b"double\nnan ", b"double\ninf ")
+
+
+def _little_endian_ply(folder):
+    vertices, faces = sound()
+    mesh = pv.PolyData.from_regular_faces(vertices, faces)
+    mesh.save(folder / "x.ply", binary=True)
+    content = (folder / "x.ply").read_bytes()
+    (folder / "x.ply").unlink()
+    return content
+
+
+def _deep(folder):
+    below = "/".join(["deep" * 20] * 3)
+    (folder / below).mkdir(parents=True)
+    for path in folder.glob("*.vtp"):
+        path.rename(folder / below / path.name)
+    write_surface(folder / below / "bad_LA.vtp", *sound())
+    text = (folder / "study.toml").read_text(encoding="utf-8")
+    text = text.replace("[shapes]", f'[shapes]\nfolder = "{below}"')
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+
+
+def _duplicated_phase(folder):
+    _missing_phase(folder)
+    for name in ("a_0_LA.vtk", "a_0_LA.vtp"):
+        (folder / name).write_bytes(_ascii_vtk(folder))
+    text = (folder / "study.toml").read_text(encoding="utf-8")
+    text = text.replace("{subject}_{phase}_LA.vtp", "{subject}_{phase}_LA.*")
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+
+
 def _isolated(vertices, faces):
     return np.vstack([vertices, 100.0 * np.eye(3)]), faces
 
@@ -330,6 +395,7 @@ ZOO = (
         "degenerate",
     ),
     Specimen("triangle without area", _mesh(_with_slivers), "repaired", "without area"),
+    Specimen("sliver triangle", _mesh(_thin), "usable", ""),
     Specimen("isolated vertices", _mesh(_isolated), "repaired", "3 vertices of no triangle"),
     Specimen("small second component", _mesh(_second(2.0, 60.0)), "repaired", "stray piece"),
     Specimen("large second component", _mesh(_second(30.0, 90.0)), "refused", "one connected"),
@@ -339,6 +405,8 @@ ZOO = (
         "refused",
         "1 handle",
     ),
+    Specimen("handle on an open surface", _mesh(_with_handles(1)), "refused", "mm round one at"),
+    Specimen("genus 2", _mesh(_with_handles(2)), "refused", "2 handles"),
     Specimen("closed where open was expected", _mesh(_closed), "refused", "expected 3 openings"),
     Specimen(
         "tiny spurious loop (six edges)", _mesh(_six_edge_nick, 3000), "repaired", "tiny hole"
@@ -350,6 +418,7 @@ ZOO = (
     Specimen("edge joining two rim vertices", _mesh(_chord), "repaired", "join two vertices"),
     Specimen("self-intersection", _mesh(_self_crossing), "repaired", "pass through each other"),
     Specimen("NaN coordinate", _bytes(_nan, "bad_LA.vtk"), "refused", "NaN"),
+    Specimen("infinite coordinate", _bytes(_infinite, "bad_LA.vtk"), "refused", "infinite"),
     Specimen("empty file", _bytes(b""), "refused", "empty file"),
     Specimen("truncated file", _bytes(_truncated), "refused", "expected"),
     Specimen(
@@ -365,9 +434,12 @@ ZOO = (
     Specimen("quadrilaterals", _two_open_quads, "repaired", "into triangles"),
     Specimen("ASCII file", _bytes(_ascii_vtk, "bad_LA.vtk"), "usable", ""),
     Specimen("binary, big-endian file", _bytes(_big_endian_ply, "bad_LA.ply"), "usable", ""),
+    Specimen("binary, little-endian file", _bytes(_little_endian_ply, "bad_LA.ply"), "usable", ""),
     Specimen("metres among millimetres", _mesh(lambda v, f: (v / 1000.0, f)), "refused", "units"),
     Specimen("missing phase", _missing_phase, "repaired", "phase 1"),
     Specimen("duplicated subject", _duplicated, "refused", "expected one file"),
+    Specimen("duplicated phase", _duplicated_phase, "refused", "expected one file"),
+    Specimen("very long path", _deep, "usable", ""),
     Specimen("non-ASCII name", _into("Þórdís 心房"), "usable", ""),
     Specimen("very long name", _into("x" * 200), "usable", ""),
     Specimen("name with spaces", _into("a  b c"), "usable", ""),

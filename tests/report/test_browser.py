@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from populations import population, two_part_template
 
-from ostiform.evaluation import part_volumes
+from ostiform.evaluation import left_out_point_residues, part_volumes
 from ostiform.model import (
     StoredModel,
     dynamic_model_of,
@@ -70,17 +70,19 @@ def report(tmp_path_factory):
     shapes = population(3, 5, np.random.default_rng(4), two_part_template(9, 24))
     model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
     stored = StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
+    residues = left_out_point_residues(shapes.aligned, shapes.weights, shapes.ids, 3)
     page = Page(
         "A study <b>&</b>",
         "subtitle",
         (Fact("certified", "3 of 3", True, "note"), Fact("bad", "1", False)),
         (
-            viewer_section(stored, dynamic_model_of(stored)),
+            viewer_section(stored, dynamic_model_of(stored), residues),
             modes_section(model),
             volumes_section(shapes.ids, part_volumes(shapes.points, model.mesh)),
             Section("long", "Long", (), (), (Table("rows", ("a", "b"), (("x" * 60, "1"),) * 12),)),
         ),
         ("a warning",),
+        Table("three models", ("model", "gain"), (("conformal", "1 %"),)),
     )
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(render_page(page), encoding="utf-8")
@@ -234,6 +236,66 @@ def test_other_modes_cycles_colours_and_wires_change_the_picture(opened):
     assert len(set(seen)) == len(seen)
 
 
+def test_points_are_coloured_by_their_left_out_error_with_a_scale_in_mm(opened):
+    page = opened.page
+    before = opened.pixels()
+    page.get_by_label("Colour").select_option("left-out error of the points")
+    assert opened.pixels() != before
+    legend = page.locator(".viewer .legend").text_content()
+    assert legend.startswith("error of left-out shapes, RMS (mm)0")
+    assert float(legend.split("\u2265")[1]) > 0.0
+    slide(opened, 0, 2)
+    assert page.locator(".viewer .legend").text_content() == legend
+
+
+def test_points_are_coloured_by_their_distance_from_the_chosen_training_shape(opened):
+    page = opened.page
+    page.get_by_label("Colour").select_option("distance from the training shape")
+    assert "Choose a training shape" in page.get_by_role("status").text_content()
+    page.get_by_label("Put the sliders at").select_option(index=3)
+    page.get_by_label("overlay the shape itself").uncheck()
+    near = opened.pixels()
+    page.get_by_role("button", name="Mean shape").click()
+    assert opened.pixels() != near
+    assert "distance from the training shape (mm)" in (
+        page.locator(".viewer .legend").text_content()
+    )
+
+
+def test_every_control_is_reached_and_worked_with_the_keyboard_alone(opened):
+    page = opened.page
+    reached = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.add(
+            page.evaluate(
+                """() => {
+                  const e = document.activeElement;
+                  if (!e.closest('.viewer')) return e.tagName;
+                  if (e.tagName === 'CANVAS') return 'CANVAS';
+                  if (e.dataset.mode) return 'mode ' + e.dataset.mode;
+                  return e.closest('label')?.textContent.split('\\n')[0].slice(0, 12)
+                    ?? e.textContent;
+                }"""
+            )
+        )
+    assert {"CANVAS", "mode 0", "mode 5", "Mean shape", "Play", "Front", "Side"} <= reached
+    assert {
+        "Variation of",
+        "Modes are ad",
+        "Time in the ",
+        "Colour partd",
+        "Put the slid",
+    } <= reached
+    assert {" wireframe", " openings an", " overlay the"} <= reached
+    page.get_by_role("button", name="Play").focus()
+    page.keyboard.press("Enter")
+    assert page.get_by_role("button", name="Pause").is_visible()
+    page.get_by_label("wireframe").focus()
+    page.keyboard.press("Space")
+    assert page.get_by_label("wireframe").is_checked()
+
+
 def test_a_training_shape_is_put_on_the_sliders_and_overlaid(opened):
     page = opened.page
     before = opened.pixels()
@@ -291,5 +353,27 @@ def test_without_webgl_the_page_says_where_the_pictures_are(chromium, report):
     context.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     opened = Opened(context, report)
     assert opened.page.locator("#viewer-fallback").is_visible()
+    assert opened.page.locator("#viewer figure img").is_visible()
     assert opened.complaints == []
+    context.close()
+
+
+def test_a_driver_that_fails_later_leaves_the_pictures(chromium, report):
+    context = chromium.new_context(offline=True)
+    context.add_init_script(
+        """
+        const plain = HTMLCanvasElement.prototype.getContext;
+        let asked = 0;
+        HTMLCanvasElement.prototype.getContext = function (kind, options) {
+          if (kind !== 'webgl2') return plain.call(this, kind, options);
+          asked += 1;
+          return asked === 1 ? plain.call(this, kind, options) : null;
+        };
+        """
+    )
+    page = context.new_page()
+    page.goto(report.as_uri())
+    assert page.locator("#viewer-root").get_attribute("data-ready") is None
+    assert page.locator("#viewer-fallback").is_visible()
+    assert page.locator("#viewer figure img").is_visible()
     context.close()

@@ -150,6 +150,22 @@ def test_long_tables_are_folded_after_ten_rows(without_viewer):
     assert sum(tag == "th" and attrs.get("scope") == "row" for tag, attrs in reader.tags) == 13
 
 
+def test_a_table_shows_as_many_rows_as_it_says():
+    rows = (("a", "b"),) * 4
+    tables = tuple(Table(f"{shown}", ("x", "y"), rows, shown) for shown in (0, 2, 4))
+    reader = read(render_page(Page("p", "", (), (Section("s", "t", tables=tables),))))
+    assert reader.texts["summary"] == ["All 4 rows", "The other 2 of 4 rows"]
+    assert sum(tag == "table" for tag, _ in reader.tags) == 4
+
+
+def test_sentences_are_set_to_the_left_and_the_summary_is_in_the_head():
+    summary = Table("three", ("x", "y"), (("a", "words"),), texts=(1,))
+    reader = read(render_page(Page("p", "", (), (), summary=summary)))
+    left = [tag for tag, attrs in reader.tags if attrs.get("class") == "text"]
+    assert left == ["th", "td"]
+    assert "three" in reader.texts["p"]
+
+
 def test_identifiers_of_several_drawings_differ():
     two = Section(
         "two", "t", pictures=(Picture("a", plotted(), "", ""), Picture("b", plotted(), "", ""))
@@ -166,6 +182,10 @@ def test_every_picture_has_a_text(without_viewer):
     pictures = [attrs for _, attrs in reader.tags if attrs.get("role") == "img"]
     assert len(pictures) == 2
     assert pictures[0]["aria-label"] == NASTY
+
+
+def test_every_picture_names_its_files(without_viewer):
+    assert read(without_viewer).texts["span"][-1] == "figures/pixels.svg, .pdf, .png"
 
 
 def test_files_are_fit_for_print(tmp_path):

@@ -1,5 +1,7 @@
 """The figures as functions: they return Matplotlib figures that show what they should."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -10,14 +12,20 @@ from ostiform.model import fit_model, mesh_of_template
 from ostiform.report.curves import (
     MODES_DRAWN,
     Band,
+    GainPoint,
     convergence_figure,
     evidence_figure,
+    gains_figure,
     scores_figure,
     volumes_figure,
 )
-from ostiform.report.maps import MapPanel, distortion_figure, map_figure
-from ostiform.report.modes import model_views, modes_figure, shapes_figure
+from ostiform.report.distortions import distortion_figure, seam_figure
+from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
+from ostiform.report.maps import MapPanel, map_figure
+from ostiform.report.modes import model_views, modes_figure
+from ostiform.report.points import PointColumn, points_figure, shapes_figure, surfaces_figure
 from ostiform.study import ShapeId
+from ostiform.surface import Surface
 
 KINDS = ("conformal", "euclidean", "optimal")
 
@@ -67,9 +75,56 @@ def test_modes_are_drawn_at_five_places_from_two_sides(model):
     assert (np.asarray(images[0]) != np.asarray(images[4])).any()
 
 
-def test_single_shapes_are_drawn_with_their_titles(model):
+def test_modes_have_a_scale_in_millimetres(model):
+    drawing = modes_figure(model, 0)
+    (scale,) = [text.get_text() for axes in drawing.axes for text in axes.texts]
+    (bar,) = [line for axes in drawing.axes for line in axes.lines]
+    np.testing.assert_allclose(np.ptp(bar.get_xdata()), float(scale.removesuffix(" mm")))
+
+
+def test_gains_show_interval_and_paper_and_residues_only_where_measured():
+    gains = {"conformal": GainPoint(0.2, (0.1, 0.3), 0.67), "euclidean": GainPoint(0.1, None, None)}
+    alone = gains_figure(gains, {})
+    assert [axes.get_title() for axes in alone.axes] == ["Compactness"]
+    ends = [path.vertices[:, 0] for c in alone.axes[0].collections for path in c.get_paths()]
+    np.testing.assert_allclose(ends, [[10.0, 30.0]])
+    both = gains_figure(gains, {"conformal": Band(np.arange(3.0), np.ones(3), np.ones(3))})
+    assert [axes.get_title() for axes in both.axes] == ["Compactness", "Generalisation"]
+
+
+def test_single_shapes_are_drawn_with_their_titles_and_errors(model):
     drawing = shapes_figure(model, model.mean[None], ["who"])
     assert [axes.get_title() for axes in drawing.axes] == ["who"]
+    errors = np.linspace(0.0, 2.0, len(model.mean))[None]
+    coloured = shapes_figure(model, model.mean[None], ["who"], errors, 2.0)
+    parts, coded = (np.asarray(axes.images[0].get_array()) for axes in coloured.axes[:2])
+    assert (parts != coded).any()
+    assert coloured.axes[2].get_xlabel() == "mm, left-out error"
+
+
+def test_a_title_too_long_for_its_panel_is_cut(model):
+    drawing = shapes_figure(model, model.mean[None], ["x" * 200])
+    assert drawing.axes[0].get_title() == "x" * 27 + "\u2026"
+
+
+def test_points_are_coloured_from_two_sides_each_with_its_scale(model):
+    values = np.linspace(0.0, 1.0, len(model.mean))
+    drawing = points_figure(model, [PointColumn("a", values, 1.0), PointColumn("b", values, 9.0)])
+    titles = [axes.get_title() for axes in drawing.axes]
+    assert [title for title in titles if title] == ["a", "b"]
+    images = [np.asarray(axes.images[0].get_array()) for axes in drawing.axes if axes.images]
+    assert len(images) == 4
+    assert (images[0] != images[2]).any()
+
+
+def test_surfaces_of_other_meshes_are_drawn_as_read(model):
+    mesh = model.mesh
+    lower = Surface(model.mean, mesh.faces[mesh.face_part == 0], {})
+    upper = Surface(model.mean, mesh.faces[mesh.face_part == 1], {})
+    drawing = surfaces_figure([("two", {"A": lower, "B": upper}), ("one", {"A": lower})])
+    assert [axes.get_title() for axes in drawing.axes] == ["two", "one"]
+    for axes in drawing.axes:
+        assert (np.asarray(axes.images[0].get_array()) != 255).any()
 
 
 def panel(flipped):
@@ -82,6 +137,14 @@ def panel(flipped):
         (np.array([0, 1, 2]),),
         np.zeros((1, 2)),
     )
+
+
+def test_control_points_inside_and_on_curves_are_counted_apart():
+    controlled = replace(
+        panel(False), boundary_controls=np.zeros((3, 2)), title="points", says_flips=False
+    )
+    drawing = map_figure([controlled])
+    assert drawing.axes[0].get_title() == "points\n1 inside, 3 on curves"
 
 
 def test_turned_triangles_are_counted_and_have_another_colour():
@@ -103,9 +166,21 @@ def test_the_second_row_of_a_map_is_enlarged():
 
 
 def test_distortion_has_a_panel_for_angles_and_one_for_areas():
-    area = np.array([[0.5, 2.0], [0.4, 3.0]])
-    drawing = distortion_figure([np.array([1.1, 1.2])] * 2, [area, area], ["A", "B"])
+    angles = np.full((3, len(ANGLE_EDGES) - 1), 0.02)
+    areas = np.full((3, len(AREA_EDGES) - 1), 0.02)
+    drawing = distortion_figure([angles, angles], [areas, areas], ["A", "B"])
     assert [axes.get_title() for axes in drawing.axes] == ["Angles", "Areas"]
+
+
+def test_the_kink_is_drawn_as_mapped_and_as_warped():
+    shares = np.full((3, len(JUMP_EDGES) - 1), 0.025)
+    kinks = (np.array([0.9, 1.0, 1.1]), np.array([0.8, 1.0, 1.2]))
+    drawing = seam_figure({"A = B": shares}, {"A = B": 0.1}, {"A = B": kinks})
+    left, right = drawing.axes
+    np.testing.assert_allclose(left.lines[0].get_xdata(), 0.1)
+    assert [tick.get_text() for tick in right.get_xticklabels()] == ["mapped", "warped"]
+    for line, values in zip(right.lines, kinks, strict=True):
+        np.testing.assert_allclose(line.get_ydata(), values)
 
 
 def test_cycles_are_closed_in_scores_and_volumes():
@@ -118,6 +193,20 @@ def test_cycles_are_closed_in_scores_and_volumes():
     (line,) = drawing.axes[0].lines
     np.testing.assert_allclose(line.get_xdata(), [0.0, 0.25, 0.5, 1.0])
     np.testing.assert_allclose(line.get_ydata(), [1.0, 2.0, 3.0, 1.0])
+
+
+def test_one_mode_alone_is_drawn_on_a_line():
+    drawing = scores_figure(np.array([[-1.0], [1.0]]), ["a", "b"], np.zeros(2), np.ones(1))
+    assert drawing.axes[0].get_ylabel() == ""
+    assert all((line.get_ydata() == 0.0).all() for line in drawing.axes[0].lines)
+
+
+def test_names_too_long_for_a_legend_are_cut():
+    drawing = scores_figure(np.eye(2), ["x" * 100, "b"], np.zeros(2), np.ones(2) / 2)
+    assert [text.get_text() for text in drawing.legends[0].get_texts()] == [
+        "x" * 25 + "\u2026",
+        "b",
+    ]
 
 
 def test_many_subjects_get_no_legend():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from populations import population, two_part_template
 
-from ostiform.evaluation import part_volumes
+from ostiform.evaluation import left_out_point_residues, part_volumes
 from ostiform.model import (
     StoredModel,
     dynamic_model_of,
@@ -18,6 +18,7 @@ from ostiform.model import (
     reconstruct,
 )
 from ostiform.report import viewer, viewer_data, viewer_section, volumes_section
+from ostiform.report.viewer import point_spread
 
 TOLERANCE_MM = 0.02  # half units of the mean and of a dozen modes of some 50 mm, times scores
 
@@ -31,7 +32,12 @@ def stored():
 
 @pytest.fixture(scope="module")
 def data(stored):
-    return json.loads(viewer_data(stored, dynamic_model_of(stored)))
+    return json.loads(viewer_data(stored, dynamic_model_of(stored), residues(stored)))
+
+
+def residues(stored):
+    points = reconstruct(stored.model, stored.scores)
+    return left_out_point_residues(points, stored.model.weights, stored.ids, 3)
 
 
 def numbers(record):
@@ -66,6 +72,7 @@ def test_the_modes_of_all_sets_are_those_of_the_models(data, stored):
             expected = model.mean + 2.0 * np.sqrt(model.variances[k]) * model.modes[k]
             assert_same_shape(shape(data, coefficients), expected, stored.model)
         spread = np.sqrt((model.variances[:, None, None] * model.modes**2).sum(axis=(0, 2)))
+        np.testing.assert_allclose(point_spread(model), spread, rtol=1e-9)
         np.testing.assert_allclose(numbers(record["spread"]), spread, atol=TOLERANCE_MM)
 
 
@@ -88,16 +95,28 @@ def test_triangles_are_grouped_by_part(data, stored):
 
 
 def test_without_phases_there_is_one_set_and_no_cycle(stored):
-    data = json.loads(viewer_data(stored, None))
+    data = json.loads(viewer_data(stored, None, None))
     assert len(data["sets"]) == 1
     assert data["cycles"] == []
-    assert "cycle" not in " ".join(viewer_section(stored, None).paragraphs)
+    assert data["error"] is None
+    assert "cycle" not in " ".join(viewer_section(stored, None, None).paragraphs)
+
+
+def test_the_error_of_the_points_is_that_of_left_out_shapes(data, stored):
+    np.testing.assert_allclose(numbers(data["error"]), residues(stored).rms, atol=TOLERANCE_MM)
+
+
+def test_a_page_carries_so_many_training_shapes_and_says_how_many_there_are(stored, monkeypatch):
+    monkeypatch.setattr(viewer, "MOST_SHAPES", 5)
+    data = json.loads(viewer_data(stored, None, None))
+    assert len(data["shapes"]) == 5
+    assert data["shape_count"] == len(stored.ids)
 
 
 def test_a_page_that_would_grow_too_large_loses_the_last_modes(stored, monkeypatch):
     count = len(stored.model.mean)
     monkeypatch.setattr(viewer, "BUDGET", 3 * viewer.CHARACTERS_PER_POINT * count)
-    data = json.loads(viewer_data(stored, dynamic_model_of(stored)))
+    data = json.loads(viewer_data(stored, dynamic_model_of(stored), None))
     assert len(data["basis"]) == 3
     assert sum(len(mode["data"]) for mode in data["basis"]) <= viewer.BUDGET
     variances = stored.model.variances

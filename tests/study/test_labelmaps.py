@@ -8,7 +8,7 @@ import pytest
 from oracles.label_volumes import posed_grid
 
 from ostiform.errors import InputError
-from ostiform.study.labelmaps import is_label_map, read_label_map
+from ostiform.study.labelmaps import is_label_map, label_mask, read_label_map
 
 TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -139,3 +139,42 @@ def test_damaged_label_maps_end_in_a_sentence_or_a_map(tmp_path, ending, oblique
 def test_label_maps_are_known_by_their_endings(tmp_path):
     assert is_label_map(tmp_path / "A.NII.GZ")
     assert not is_label_map(tmp_path / "a.vtp")
+
+
+def layered(path, labels, affine, names=("LV", "MYO", "LA")):
+    """Write a 3D Slicer segmentation of two layers: LV and LA do not overlap, MYO holds LV."""
+    first = np.where(labels == 1, 1, np.where(labels == 2, 2, 0))
+    second = np.where((labels == 1) | (labels == 3), 1, 0)
+    header = {
+        "kinds": ["list", "domain", "domain", "domain"],
+        "space": "left-posterior-superior",
+        "space directions": np.vstack([np.full(3, np.nan), affine[:3, :3].T]),
+        "space origin": affine[:3, 3],
+    }
+    for k, (name, layer, value) in enumerate(zip(names, (0, 1, 0), (1, 1, 2), strict=True)):
+        header |= {f"Segment{k}_Name": name, f"Segment{k}_Layer": str(layer)}
+        header[f"Segment{k}_LabelValue"] = str(value)
+    nrrd.write(str(path), np.stack([first, second]).astype(np.uint8), header)
+
+
+def test_segments_that_overlap_are_found_by_name_in_their_layers(tmp_path, oblique):
+    labels, affine = oblique
+    layered(tmp_path / "a.seg.nrrd", labels, affine)
+    found = read_label_map(tmp_path / "a.seg.nrrd")
+    np.testing.assert_allclose(found.affine, affine, atol=1e-9)
+    np.testing.assert_array_equal(label_mask(found, ["LV"]), labels == 1)
+    np.testing.assert_array_equal(label_mask(found, ["LA", "LV"]), (labels == 1) | (labels == 2))
+    np.testing.assert_array_equal(label_mask(found, ["MYO"]), (labels == 1) | (labels == 3))
+    np.testing.assert_array_equal(label_mask(found, [2]), labels == 2)
+    with pytest.raises(InputError, match=r"label 1 in one layer, found it in 2 \(LV, MYO\)"):
+        label_mask(found, [1])
+    with pytest.raises(InputError, match='segment named "RV", found LV, MYO, LA'):
+        label_mask(found, ["RV"])
+
+
+def test_a_segment_in_a_layer_that_is_not_there_is_refused(tmp_path, oblique):
+    labels, affine = oblique
+    layered(tmp_path / "a.seg.nrrd", labels, affine)
+    content = (tmp_path / "a.seg.nrrd").read_bytes()
+    (tmp_path / "b.seg.nrrd").write_bytes(content.replace(b"Layer:=1", b"Layer:=7"))
+    refused(tmp_path / "b.seg.nrrd", "segments in 2 layers")

@@ -1,4 +1,5 @@
 import nibabel
+import nrrd
 import numpy as np
 import pytest
 from oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles
@@ -101,3 +102,20 @@ def test_a_mesh_that_cannot_be_oriented_is_still_proposed(tmp_path):
     fin = np.vstack([faces, [[faces[0, 0], faces[0, 1], len(vertices)]]])
     write_surface(tmp_path / "a.vtp", np.vstack([vertices, [[0, 0, 9]]]), fin)
     assert "ostia = []" in proposed_study(tmp_path, tmp_path / "study.toml")
+
+
+def test_named_segments_become_parts_of_their_names(tmp_path):
+    labels = np.zeros((8, 8, 8), dtype=np.uint8)
+    labels[2:6, 2:6, 2:4], labels[2:6, 2:6, 4:6] = 1, 2
+    header = {
+        "space": "left-posterior-superior",
+        "space directions": np.eye(3),
+        "space origin": np.zeros(3),
+        "Segment0_Name": "left ventricle",
+        "Segment0_LabelValue": "1",
+        "Segment1_Name": "LA+veins",
+        "Segment1_LabelValue": "2",
+    }
+    nrrd.write(str(tmp_path / "a.seg.nrrd"), labels, header)
+    settings = parsed_settings(proposed_study(tmp_path, tmp_path / "study.toml"))
+    assert settings.labels.values == {"left ventricle": "left ventricle", "LA_veins": "LA+veins"}

@@ -1,8 +1,8 @@
-// The cividis map (Nunez, Anderton and Renslow 2018) at nine stops: readable with any colour vision.
+// The viridis map (van der Walt and Smith 2015) at nine stops: readable with any colour vision.
 const STOPS = [
-  [0.0, 0.135, 0.305], [0.119, 0.211, 0.423], [0.265, 0.289, 0.421], [0.374, 0.366, 0.43],
-  [0.486, 0.445, 0.474], [0.6, 0.526, 0.455], [0.727, 0.613, 0.42], [0.862, 0.707, 0.347],
-  [0.995, 0.909, 0.218],
+  [0.267, 0.005, 0.329], [0.279, 0.175, 0.483], [0.23, 0.322, 0.546], [0.173, 0.449, 0.558],
+  [0.128, 0.567, 0.551], [0.158, 0.684, 0.502], [0.369, 0.789, 0.383], [0.678, 0.864, 0.19],
+  [0.993, 0.906, 0.144],
 ];
 
 export function colourAt(share, target, offset) {

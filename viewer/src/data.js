@@ -24,6 +24,7 @@ export function readModel(text) {
     basis: raw.basis.map(numbersOf),
     faces: indicesOf(raw.faces),
     openings: raw.openings.map(indicesOf),
+    error: raw.error && numbersOf(raw.error),
     sets: raw.sets.map((set) => ({ ...set, spread: numbersOf(set.spread) })),
   };
 }
@@ -38,6 +39,23 @@ export function fillShape(model, coefficients, target) {
     const mode = model.basis[k];
     for (let i = 0; i < target.length; i += 1) target[i] += amount * mode[i];
   }
+}
+
+// Distance in mm between corresponding points of two shapes.
+export function fillDistances(first, second, target) {
+  for (let i = 0; i < target.length; i += 1) {
+    target[i] = Math.hypot(
+      first[3 * i] - second[3 * i],
+      first[3 * i + 1] - second[3 * i + 1],
+      first[3 * i + 2] - second[3 * i + 2],
+    );
+  }
+}
+
+// The value that a share of the values does not exceed.
+export function quantile(values, share) {
+  const sorted = Float32Array.from(values).sort();
+  return sorted[Math.min(sorted.length - 1, Math.floor(share * sorted.length))];
 }
 
 export function addScaled(target, amount, values) {

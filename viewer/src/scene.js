@@ -157,6 +157,7 @@ export class Picture {
     this.orbit.maxDistance = 20 * radius;
     this.canvas.style.touchAction = 'pan-y'; // a finger can still scroll the page
     this.orbit.addEventListener('change', () => this.draw());
+    this.canvas.addEventListener('webglcontextrestored', () => this.draw());
     this.canvas.addEventListener('keydown', (event) => this.onKey(event));
     this.look(0);
   }

@@ -1,6 +1,15 @@
 // The interactive view of a report: controls and what they do.
 import { paintScale } from './colours.js';
-import { addScaled, cycleAt, distance, fillShape, readModel, scoresIn } from './data.js';
+import {
+  addScaled,
+  cycleAt,
+  distance,
+  fillDistances,
+  fillShape,
+  quantile,
+  readModel,
+  scoresIn,
+} from './data.js';
 import { Picture } from './scene.js';
 
 const LIMIT = 3; // standard deviations
@@ -35,6 +44,40 @@ function group(title, ...children) {
 const signed = (value) =>
   `${value > 0 ? '+' : value < 0 ? '\u2212' : ''}${Math.abs(value).toFixed(2)} sd`;
 
+// What the points can be coloured by; `measure` gives one number in mm per point.
+const COLOURINGS = [
+  { label: 'part' },
+  {
+    label: 'distance from the mean shape',
+    title: 'distance from the mean shape (mm)',
+    measure: (viewer) =>
+      viewer.distancesFrom(viewer.set.mean, 2 * viewer.most(viewer.set.spread)),
+  },
+  {
+    label: 'standard deviation of the points',
+    title: 'standard deviation (mm)',
+    measure: ({ set, most }) => ({ values: set.spread, largest: most(set.spread) }),
+  },
+  {
+    label: 'left-out error of the points',
+    title: 'error of left-out shapes, RMS (mm)',
+    needs: (model) => Boolean(model.error),
+    measure: ({ model }) => ({
+      values: model.error,
+      largest: quantile(model.error, 0.99),
+      isOpen: true,
+    }),
+  },
+  {
+    label: 'distance from the training shape',
+    title: 'distance from the training shape (mm)',
+    needs: (model) => model.shapes.length > 0,
+    measure: (viewer) =>
+      viewer.shape &&
+      viewer.distancesFrom(viewer.shape.scores, 0.5 * viewer.most(viewer.set.spread)),
+  },
+];
+
 class Viewer {
   constructor(root, model) {
     this.root = root;
@@ -43,7 +86,6 @@ class Viewer {
     this.scores = this.set.modes.map(() => 0);
     this.cycle = null; // frames of the cycle that the sliders are added to, or null for the mean
     this.time = 0;
-    this.colouring = 0;
     this.shape = null;
     this.timer = 0;
     this.calm = window.matchMedia('(prefers-reduced-motion: reduce)');
@@ -121,14 +163,17 @@ class Viewer {
   }
 
   lookControls() {
-    const [colour] = choice(
+    this.colourings = COLOURINGS.filter(({ needs }) => !needs || needs(this.model));
+    const [colour, select] = choice(
       'Colour ',
-      ['part', 'distance from the mean shape', 'standard deviation of the points'],
+      this.colourings.map(({ label }) => label),
       (index) => {
-        this.colouring = index;
+        this.colouring = this.colourings[index];
         this.update();
       },
     );
+    this.colourSelect = select;
+    this.colouring = this.colourings[0];
     const [wires] = tick('wireframe', false, (isOn) => {
       this.picture.wires.visible = isOn;
       this.picture.draw();
@@ -171,12 +216,16 @@ class Viewer {
       this.update();
     });
     this.overlayWanted = true;
-    return group(
-      'Training shape',
+    const children = [
       element('label', {}, 'Put the sliders at ', select),
       element('div', { className: 'row' }, overlay),
       this.shapeText,
-    );
+    ];
+    if (this.model.shape_count > this.model.shapes.length) {
+      const text = `The page carries the first ${this.model.shapes.length} of ${this.model.shape_count} shapes.`;
+      children.push(element('p', { className: 'quiet', textContent: text }));
+    }
+    return group('Training shape', ...children);
   }
 
   buildSliders() {
@@ -293,41 +342,35 @@ class Viewer {
       this.phase.setAttribute('aria-valuetext', `${this.time.toFixed(2)} of the cycle`);
       this.root.dataset.time = this.time.toFixed(4);
     }
-    this.showColours();
     this.showShape(coefficients);
+    this.showColours();
     picture.moved();
   }
 
   showColours() {
-    const { picture, set } = this;
-    if (this.colouring === 0) {
-      picture.setColours(null, 0);
-    } else if (this.colouring === 1) {
-      fillShape(this.model, set.mean, this.referencePoints);
-      const { positions } = picture;
-      for (let i = 0; i < this.measured.length; i += 1) {
-        this.measured[i] = Math.hypot(
-          positions[3 * i] - this.referencePoints[3 * i],
-          positions[3 * i + 1] - this.referencePoints[3 * i + 1],
-          positions[3 * i + 2] - this.referencePoints[3 * i + 2],
-        );
-      }
-      picture.setColours(this.measured, Math.max(2 * this.most(set.spread), 1e-9));
-    } else {
-      picture.setColours(set.spread, this.most(set.spread));
-    }
-    this.showLegend();
+    const { picture, colouring } = this;
+    const measured = colouring.measure ? colouring.measure(this) : null;
+    picture.setColours(measured && measured.values, measured ? measured.largest : 0);
+    this.showLegend(measured);
+  }
+
+  // Distances of the points in view from another shape; the scale is that of the set's spread.
+  distancesFrom(coefficients, largest) {
+    fillShape(this.model, coefficients, this.referencePoints);
+    fillDistances(this.picture.positions, this.referencePoints, this.measured);
+    return { values: this.measured, largest: Math.max(largest, 1e-9), isOpen: true };
   }
 
   most(values) {
     return values.reduce((largest, value) => Math.max(largest, value), 0);
   }
 
-  showLegend() {
-    const state = `${this.colouring} ${this.model.sets.indexOf(this.set)}`;
+  showLegend(measured) {
+    const { label, title } = this.colouring;
+    const state = `${label} ${measured ? measured.largest : ''}`;
     if (this.legend.dataset.state === state) return;
     this.legend.dataset.state = state;
-    if (this.colouring === 0) {
+    if (!measured) {
       const names = this.model.parts.map(({ name, colour }) => {
         const swatch = element('span', { className: 'swatch' });
         swatch.style.background = colour;
@@ -336,13 +379,10 @@ class Viewer {
       this.legend.replaceChildren(...names);
       return;
     }
-    const largest = this.most(this.set.spread) * (this.colouring === 1 ? 2 : 1);
     const scale = element('canvas');
     scale.setAttribute('aria-hidden', 'true');
     paintScale(scale);
-    const title =
-      this.colouring === 1 ? 'distance from the mean shape (mm)' : 'standard deviation (mm)';
-    const end = `${this.colouring === 1 ? '\u2265 ' : ''}${largest.toFixed(1)}`;
+    const end = `${measured.isOpen ? '\u2265 ' : ''}${measured.largest.toFixed(1)}`;
     this.legend.replaceChildren(
       element('div', { textContent: title }),
       scale,
@@ -355,7 +395,10 @@ class Viewer {
     picture.overlay.visible = Boolean(shape && this.overlayWanted);
     if (!this.shapeText) return;
     if (!shape) {
-      this.shapeText.textContent = '';
+      this.shapeText.textContent =
+        this.colouring.label === 'distance from the training shape'
+          ? 'Choose a training shape to colour by the distance from it.'
+          : '';
       return;
     }
     if (picture.overlay.visible) {
@@ -371,9 +414,16 @@ function start() {
   const root = document.getElementById('viewer-root');
   const data = document.getElementById('viewer-data');
   if (!root || !data) return;
-  const probe = document.createElement('canvas');
-  if (!probe.getContext('webgl2')) return; // the page says so beside the pictures
-  new Viewer(root, readModel(data.textContent));
+  const probe = document.createElement('canvas').getContext('webgl2');
+  if (!probe) return; // the page says so and shows pictures
+  probe.getExtension('WEBGL_lose_context')?.loseContext();
+  try {
+    new Viewer(root, readModel(data.textContent));
+  } catch (error) {
+    root.replaceChildren(); // a driver that promised more than it can do
+    root.classList.remove('ready');
+    return;
+  }
   root.dataset.ready = 'true';
 }
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from ostiform.cli.options import DEFAULTS, Common, Output, StudyPath
 from ostiform.cli.running import run_command, show_summary, worker_count
 from ostiform.pipeline.build import Stage, build_study
+from ostiform.pipeline.report_only import report_study
 
 __all__ = ["build", "correspond", "embed", "evaluate", "model", "report"]
 
@@ -39,8 +40,17 @@ def evaluate(study: StudyPath, output: Output = Path("out"), *, common: Common =
 
 
 def report(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
-    """Write the report (and run the stages before, where needed)."""
-    return _until(Stage.REPORT, study, output, common)
+    """Write the report again, from the output folder alone if nothing has changed.
+
+    The study and its meshes may be gone by then. Where the study or a mesh has changed, or no
+    run has been finished, the stages before are run first.
+    """
+    return run_command(
+        common,
+        lambda tell: show_summary(
+            common, report_study(study, output, workers=worker_count(common), tell=tell)
+        ),
+    )
 
 
 def _until(stage: Stage, study: Path, output: Path, common: Common) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 __all__ = ["DEFAULTS", "Common", "Output", "StudyPath"]
 
@@ -14,7 +14,11 @@ Output = Annotated[
 ]
 
 
-@Parameter(name="*")
+def _flag(text: str, *names: str) -> Parameter:
+    return Parameter(name=names, negative="", show_default=False, help=text)
+
+
+@Parameter(name="*", group=Group("Common options", sort_key=1))
 @dataclass(frozen=True)
 class Common:
     """How a run works and what it says."""
@@ -23,16 +27,10 @@ class Common:
         int | None,
         Parameter(name=["--workers", "-w"], help="Processes; default one per processor core."),
     ] = None
-    quiet: Annotated[
-        bool, Parameter(name=["--quiet", "-q"], negative="", help="Say nothing but warnings.")
-    ] = False
-    verbose: Annotated[
-        bool, Parameter(name=["--verbose", "-v"], negative="", help="Say what every step does.")
-    ] = False
-    json: Annotated[
-        bool, Parameter(negative="", help="Print a summary as JSON on standard output.")
-    ] = False
-    debug: Annotated[bool, Parameter(negative="", help="Show the traceback of an error.")] = False
+    quiet: Annotated[bool, _flag("Say nothing but warnings.", "--quiet", "-q")] = False
+    verbose: Annotated[bool, _flag("Say what every step does.", "--verbose", "-v")] = False
+    json: Annotated[bool, _flag("Print a summary as JSON on standard output.", "--json")] = False
+    debug: Annotated[bool, _flag("Show the traceback of an error.", "--debug")] = False
 
 
 DEFAULTS = Common()

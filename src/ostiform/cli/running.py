@@ -42,6 +42,25 @@ def run_command(common: Common, work: Callable[[Tell], int]) -> int:
             traceback.print_exc()
         print(f"error: {error}", file=sys.stderr)
         return EXIT_CODES.get(type(error), OTHER_FAILURE)
+    except OSError as error:
+        if common.debug:
+            traceback.print_exc()
+        if isinstance(error, BrokenPipeError):
+            raise
+        where = f"{error.filename}: " if error.filename else ""
+        print(
+            f"error: {where}expected to read and write here, found: {error.strerror or error}; "
+            "check the disk, the permissions and the path, and run the same command again",
+            file=sys.stderr,
+        )
+        return OTHER_FAILURE
+    except MemoryError:
+        print(
+            "error: expected enough memory, found too little; use fewer workers (-w 1) or a "
+            "smaller template (template.points), and run the same command again",
+            file=sys.stderr,
+        )
+        return OTHER_FAILURE
     except KeyboardInterrupt:
         print(
             "interrupted: what was finished is kept; run the same command again to go on",

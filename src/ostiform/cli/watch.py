@@ -5,21 +5,44 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import timedelta
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
+from rich.text import Text
 
 from ostiform.pipeline import events
 
 __all__ = ["watching"]
+
+
+DETAIL_WIDTH = 40
+"""Characters of what was just finished, so that a bar stays on one line."""
+
+
+class _Pace(ProgressColumn):
+    """The rate so far (seconds per step where a step is long) and the time that is left."""
+
+    def render(self, task: Task) -> Text:
+        """Return nothing before the first step is done."""
+        elapsed = task.finished_time if task.finished else task.elapsed
+        if not elapsed or not task.completed:
+            return Text("")
+        rate = task.completed / elapsed
+        pace = f"{rate:.1f}/s" if rate >= 1.0 else f"{1.0 / rate:.1f} s each"
+        if task.finished or task.total is None:
+            return Text(pace)
+        left = timedelta(seconds=round((task.total - task.completed) / rate))
+        return Text(f"{pace}, {left} left")
 
 
 @dataclass
@@ -39,12 +62,14 @@ class _Bars:
             console.print(f"warning: {event.text}", style="yellow", markup=False, highlight=False)
         else:
             if event.stage not in self.tasks:
-                self.tasks[event.stage] = self.progress.add_task(event.stage, total=event.total)
+                self.tasks[event.stage] = self.progress.add_task(
+                    event.stage, total=event.total, detail=""
+                )
             self.progress.update(
                 self.tasks[event.stage],
                 completed=event.done,
                 total=event.total,
-                detail=event.detail[:60],
+                detail="" if event.done == event.total else event.detail[:DETAIL_WIDTH],
             )
             if self.verbose and event.detail:
                 console.print(f"{event.stage}: {event.detail}", markup=False, highlight=False)
@@ -93,12 +118,12 @@ def watching(quiet: bool, verbose: bool) -> Iterator[events.Tell]:
         yield lambda event: lines.tell(event) if isinstance(event, events.Warn) else None
     elif sys.stderr.isatty():
         with Progress(
-            TextColumn("{task.description:<24}"),
-            BarColumn(),
+            TextColumn("{task.description:<10}"),
+            BarColumn(bar_width=20),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[detail]}", style="dim"),
+            _Pace(),
+            TextColumn("{task.fields[detail]}", style="dim", markup=False),
             console=console,
         ) as progress:
             yield _Bars(progress, verbose).tell

@@ -1,7 +1,8 @@
 """Correspondence by warps of the sphere that minimise the description length (HY 2.3)."""
 
 from ostiform.correspondence.build import build_yardstick, correspond
-from ostiform.correspondence.place import place
+from ostiform.correspondence.finished import trained_from
+from ostiform.correspondence.place import Placed, place
 from ostiform.correspondence.population_template import (
     TemplateCoverage,
     mean_surface,
@@ -10,13 +11,15 @@ from ostiform.correspondence.population_template import (
 )
 from ostiform.correspondence.sampling import (
     ShapeSampler,
+    SurfaceMarks,
     pull_back,
     sample,
     sample_with_derivative,
     sampler,
 )
 from ostiform.correspondence.settings import CorrespondenceSettings
-from ostiform.correspondence.sweeps import SweepRecord
+from ostiform.correspondence.shape_step import WarpState
+from ostiform.correspondence.sweeps import LevelState, LevelStatus, Population, SweepRecord
 from ostiform.correspondence.trained import KINDS, Kind, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
 
@@ -25,10 +28,16 @@ __all__ = [
     "CorrespondenceSettings",
     "KINDS",
     "Kind",
+    "LevelState",
+    "LevelStatus",
+    "Population",
+    "Placed",
     "ShapeSampler",
+    "SurfaceMarks",
     "SweepRecord",
     "TemplateCoverage",
     "TrainedCorrespondence",
+    "WarpState",
     "Yardstick",
     "build_yardstick",
     "correspond",
@@ -40,4 +49,5 @@ __all__ = [
     "sample_with_derivative",
     "sampler",
     "template_coverage",
+    "trained_from",
 ]

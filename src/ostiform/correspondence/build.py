@@ -7,6 +7,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import align
+from ostiform.correspondence.coherence import coherence_about, coherence_form, joined_forms
 from ostiform.correspondence.description_length import (
     QuadraticForm,
     cut_off_eigenvalue,
@@ -23,11 +24,12 @@ from ostiform.correspondence.hierarchy import (
     first_population,
     optimal_levels,
 )
+from ostiform.correspondence.landmarks import template_marks
 from ostiform.correspondence.metric import metric_term, with_reference
 from ostiform.correspondence.population_template import population_template
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.settings import CorrespondenceSettings
-from ostiform.correspondence.sweeps import Progress, area_shares
+from ostiform.correspondence.sweeps import Journal, Keep, LevelState, Progress, area_shares
 from ostiform.correspondence.trained import Kind, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
 from ostiform.correspondence.warps import circle_table
@@ -113,6 +115,9 @@ def correspond(
     yardstick: Yardstick,
     settings: CorrespondenceSettings,
     progress: Progress | None = None,
+    *,
+    begun: Sequence[LevelState] = (),
+    keep: Keep | None = None,
 ) -> Mapping[Kind, TrainedCorrespondence]:
     """Build the conformal, the minimum-Euclidean and the optimal model in one run.
 
@@ -128,14 +133,22 @@ def correspond(
     settings : CorrespondenceSettings
     progress : callable, optional
         Called with a `SweepRecord` after every sweep.
+    begun : sequence of LevelState, optional
+        Where an interrupted run on the same input stood: its levels from the first, all but the
+        last one ended. The result is that of a run without interruption, bit for bit.
+    keep : callable, optional
+        Called with the `LevelState` after every sweep, the last of each level with its status.
 
     Raises
     ------
     InputError
-        If there are fewer than two shapes or the numbers of samplers and ids differ.
+        If there are fewer than two shapes, the numbers of samplers and ids differ, or the levels
+        begun are not of this population.
     """
     _check_population(samplers, ids)
     problem = _problem(samplers, yardstick, settings)
+    _check_begun(begun, problem)
+    journal = Journal(progress, keep, {state.level: state for state in begun})
     template_points = np.broadcast_to(
         yardstick.template.points, (len(samplers), *yardstick.template.points.shape)
     )
@@ -143,12 +156,12 @@ def correspond(
     trained: dict[Kind, TrainedCorrespondence] = {
         "conformal": _trained("conformal", problem, template_points, ids, yardstick, ())
     }
-    first = euclidean_level(problem, population, progress)
+    first = euclidean_level(problem, population, journal)
     population = first.population
     trained["euclidean"] = _trained(
         "euclidean", problem, _directions(first), ids, yardstick, (first,)
     )
-    results = (first, *optimal_levels(problem, population, progress))
+    results = (first, *optimal_levels(problem, population, journal))
     trained["optimal"] = _trained(
         "optimal", problem, _directions(results[-1]), ids, yardstick, results
     )
@@ -161,6 +174,26 @@ def _check_population(samplers: Sequence[ShapeSampler], ids: Sequence[ShapeId]) 
             "correspondence: expected at least 2 shapes and one sampler per shape, found "
             f"{len(ids)} shapes and {len(samplers)} samplers"
         )
+
+
+def _check_begun(begun: Sequence[LevelState], problem: Problem) -> None:
+    n_shapes, n_points, n_coarse = (
+        len(problem.samplers),
+        len(problem.template.points),
+        len(problem.coarse.points),
+    )
+    for number, state in enumerate(begun, start=1):
+        is_ended = state.status is not None or number == len(begun)
+        fits = len(state.population.states) == n_shapes and all(
+            len(one.directions) == n_points and len(one.landmarks) == n_coarse
+            for one in state.population.states
+        )
+        if state.level != number or number > problem.settings.levels or not is_ended or not fits:
+            raise InputError(
+                f"correspondence: expected to go on from levels 1 to {problem.settings.levels} of "
+                f"{n_shapes} shapes with {n_points} points, found level {state.level} of "
+                f"{len(state.population.states)} shapes of another run; begin afresh"
+            )
 
 
 def _groups(ids: Sequence[ShapeId], settings: CorrespondenceSettings) -> IntArray:
@@ -195,6 +228,7 @@ def _problem(
         l_cut=yardstick.l_cut,
         unit_mm=unit_mm,
         settings=settings,
+        marks=template_marks(samplers, coarse),
     )
 
 
@@ -249,8 +283,16 @@ def _trained(
 def _placing_forms(
     problem: Problem, aligned: FloatArray, results: Sequence[LevelResult]
 ) -> tuple[QuadraticForm, ...]:
-    """Return what a further shape minimises: the distance to the mean, then ``y^T W y``."""
+    """Return what a further shape minimises: the distance to the mean, then ``y^T W y``.
+
+    W is that of the majoriser and the coherence term together.
+    """
     found = spectrum(aligned, problem.weights)
     nearest = euclidean_form(found.mean, problem.weights, problem.unit_mm**2)
-    shortest = [majoriser(found, problem.weights, result.l_cut) for result in results[1:]]
+    coherence = coherence_about(found.mean, problem.weights, problem.settings.coherence)
+    smooth = coherence_form(coherence, found.mean)
+    shortest = [
+        joined_forms(majoriser(found, problem.weights, result.l_cut), smooth)
+        for result in results[1:]
+    ]
     return (nearest, *shortest)[: len(results)]

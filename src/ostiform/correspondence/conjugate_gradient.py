@@ -1,8 +1,9 @@
 """The paper's optimiser: one surface after another, in random order, by conjugate gradients.
 
-Every surface's warp descends ``(N - 1) F + penalty`` with all other surfaces fixed, along
-Polak-Ribiere directions with the analytic gradient (HY 2.3, reference 18). The increments of a
-surface are composed flows, so the gradient is always taken at the identity, where it is exact.
+Every surface's warp descends ``(N - 1) F + coherence + penalty`` with all other surfaces fixed,
+along Polak-Ribiere directions with the analytic gradient (HY 2.3, reference 18). The increments
+of a surface are composed flows, so the gradient is always taken at the identity, where it is
+exact.
 """
 
 from collections.abc import Sequence
@@ -11,11 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.correspondence.coherence import Coherence, coherence_form, joined_forms
 from ostiform.correspondence.description_length import (
+    form_value,
     length_of_spectrum,
     majoriser,
     spectrum,
 )
+from ostiform.correspondence.landmarks import landmark_term, landmark_value
 from ostiform.correspondence.metric import metric_value
 from ostiform.correspondence.penalty import penalty_value
 from ostiform.correspondence.sampling import ShapeSampler, sample
@@ -51,8 +55,8 @@ def conjugate_gradient_sweep(
     samplers: Sequence[ShapeSampler],
     population: Population,
     level: WarpLevel,
-    weights: FloatArray,
     l_cut: float,
+    coherence: Coherence,
     rng: np.random.Generator,
 ) -> tuple[Population, SweepOutcome]:
     """Return the population after every surface was optimised once, in random order.
@@ -62,9 +66,10 @@ def conjugate_gradient_sweep(
     samplers : sequence of ShapeSampler
     population : Population
     level : WarpLevel
-    weights : (Q,) float64
     l_cut : float
         mm^2.
+    coherence : Coherence
+        With the root weights of the Q landmarks.
     rng : numpy.random.Generator
         Permutes the surfaces.
     """
@@ -74,7 +79,7 @@ def conjugate_gradient_sweep(
     promised = 0.0
     for shape in rng.permutation(count):
         state, steps, expected = _optimised_surface(
-            samplers[shape], current, int(shape), level, weights, l_cut
+            samplers[shape], current, int(shape), level, l_cut, coherence
         )
         states = (*current.states[:shape], state, *current.states[shape + 1 :])
         current = replace(current, states=states)
@@ -88,8 +93,8 @@ def _optimised_surface(
     population: Population,
     shape: int,
     level: WarpLevel,
-    weights: FloatArray,
     l_cut: float,
+    coherence: Coherence,
 ) -> tuple[WarpState, FloatArray, float]:
     """Return the state of one surface after a few steps, their sum, and the first decrease hoped.
 
@@ -97,20 +102,28 @@ def _optimised_surface(
     """
     aligned = population.aligned.copy()
     transform = population.transforms[shape]
-    middle, root_weights = aligned.mean(axis=0), np.sqrt(weights)[:, None]
+    middle, root_weights = aligned.mean(axis=0), coherence.root_weights[:, None]
+    weights = coherence.root_weights**2
+    count = len(aligned)
+    others = coherence_form(coherence, (count * middle - aligned[shape]) / (count - 1))
     scaled = ((aligned - middle) * root_weights).reshape(len(aligned), -1)  # (N, 3Q)
     gram = scaled @ scaled.T
     metric = current_metric(population, level)
+    term = landmark_term(level.marks, sampler.marks)
 
     def cost(state: WarpState) -> float:
-        row = (_aligned(state, transform) - middle) * root_weights
+        own = _aligned(state, transform)
+        row = (own - middle) * root_weights
         trial = scaled.copy()
         trial[shape] = row.ravel()
         changed = gram.copy()
         changed[shape] = changed[:, shape] = trial @ trial[shape]
         length = length_of_spectrum(_covariance_eigenvalues(changed), l_cut)
+        # moving one shape moves the mean: about it, all terms together change as this one does
+        rough = (1.0 - 1.0 / count) * form_value(others, own)
         penalty = penalty_value(level.penalty, state.directions[level.index])
-        return (len(aligned) - 1) * length + penalty + metric_value(metric, state.landmarks)
+        penalty += landmark_value(term, state.landmarks)
+        return (count - 1) * length + rough + penalty + metric_value(metric, state.landmarks)
 
     state = population.states[shape]
     total = np.zeros(len(level.basis))
@@ -119,7 +132,8 @@ def _optimised_surface(
     for _ in range(STEPS_PER_SURFACE):
         aligned[shape] = _aligned(state, transform)
         form = majoriser(spectrum(aligned, weights), weights, l_cut)
-        slope = gradient(sampler, state, level, ShapeGoal(form, metric), transform)
+        form = joined_forms(form, coherence_form(coherence, form.target))
+        slope = gradient(sampler, state, level, ShapeGoal(form, metric, term), transform)
         momentum = max(0.0, float(slope @ (slope - before)) / float(before @ before or np.inf))
         direction = momentum * direction - slope
         if slope @ direction >= 0.0:

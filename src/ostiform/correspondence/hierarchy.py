@@ -7,6 +7,13 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import align
+from ostiform.correspondence.coherence import (
+    Coherence,
+    coherence_about,
+    coherence_form,
+    coherence_value,
+    joined_forms,
+)
 from ostiform.correspondence.conjugate_gradient import conjugate_gradient_sweep
 from ostiform.correspondence.control_points import (
     ControlPoints,
@@ -27,15 +34,16 @@ from ostiform.correspondence.euclidean import (
     medoid,
     root_mean_square_spread,
 )
+from ostiform.correspondence.landmarks import TemplateMarks, landmark_term
 from ostiform.correspondence.metric import MetricTerm
 from ostiform.correspondence.penalty import displacement_penalty
 from ostiform.correspondence.sampling import ShapeSampler
 from ostiform.correspondence.settings import CorrespondenceSettings
 from ostiform.correspondence.shape_step import WarpLevel, start, warp_level
 from ostiform.correspondence.sweeps import (
+    Journal,
     LevelStatus,
     Population,
-    Progress,
     SweepObjective,
     SweepOutcome,
     SweepRecord,
@@ -81,6 +89,8 @@ class Problem:
     unit_mm : float
         Of the distances of level 1.
     settings : CorrespondenceSettings
+    marks : TemplateMarks or None
+        Where the users' landmarks lie among the coarse points.
     """
 
     samplers: tuple[ShapeSampler, ...]
@@ -94,6 +104,7 @@ class Problem:
     l_cut: float
     unit_mm: float
     settings: CorrespondenceSettings
+    marks: TemplateMarks | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,9 +169,7 @@ def first_population(problem: Problem, directions: FloatArray) -> Population:
     return replace(population, transforms=found.transforms)
 
 
-def euclidean_level(
-    problem: Problem, population: Population, progress: Progress | None
-) -> LevelResult:
+def euclidean_level(problem: Problem, population: Population, journal: Journal) -> LevelResult:
     """Return level 1: every shape as near as its penalty allows to the medoid.
 
     The fields are few and smooth: six conformal fields per sphere (rotations and boosts, cut off
@@ -181,13 +190,13 @@ def euclidean_level(
 
     objective = SweepObjective(value, take, _realigner(problem, value))
     labels = ("euclidean", 1)
-    return _swept(problem, population, control, labels, objective, problem.l_cut, progress)
+    return _swept(problem, population, control, labels, objective, problem.l_cut, journal)
 
 
 def optimal_levels(
-    problem: Problem, population: Population, progress: Progress | None
+    problem: Problem, population: Population, journal: Journal
 ) -> tuple[LevelResult, ...]:
-    """Return levels 2 and finer, each minimising the description length of the whole set.
+    """Return levels 2 and finer: the description length of the whole set and its coherence.
 
     The cut-off is annealed over the levels: see `annealed_cut_offs`.
     """
@@ -201,14 +210,22 @@ def optimal_levels(
         mean_shape = population.aligned.mean(axis=0)
         interior = insert_interior(interior, problem.coarse, mean_shape, number)
         boundary = boundary_control_points(problem.circles, number)
+        if number in journal.begun:
+            for _ in range(journal.begun[number].sweeps):
+                rng.permutation(len(problem.samplers))  # drawn by the sweeps of the earlier run
         result = _swept(
             problem,
             population,
             (interior, boundary),
             ("optimal", number),
-            _length_objective(problem, l_cut, rng),
+            _length_objective(
+                problem,
+                l_cut,
+                coherence_about(mean_shape, problem.weights, settings.coherence),
+                rng,
+            ),
             l_cut,
-            progress,
+            journal,
         )
         population = result.population
         results.append(result)
@@ -235,18 +252,20 @@ def annealed_cut_offs(l_cut: float, variance: float, levels: int) -> tuple[float
     return tuple(l_cut * above ** ((count - 1 - k) / max(count - 1, 1)) for k in range(count))
 
 
-def _length_objective(problem: Problem, l_cut: float, rng: np.random.Generator) -> SweepObjective:
+def _length_objective(
+    problem: Problem, l_cut: float, coherence: Coherence, rng: np.random.Generator
+) -> SweepObjective:
     def value(aligned: FloatArray) -> float:
-        return description_length(aligned, problem.weights, l_cut)
+        length = description_length(aligned, problem.weights, l_cut)
+        return length + coherence_value(coherence, aligned)
 
     def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
         form = majoriser(spectrum(current.aligned, problem.weights), problem.weights, l_cut)
+        form = joined_forms(form, coherence_form(coherence, form.target))
         return joint_sweep(problem.samplers, current, level, (form,) * len(current.states))
 
     def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
-        return conjugate_gradient_sweep(
-            problem.samplers, current, level, problem.weights, l_cut, rng
-        )
+        return conjugate_gradient_sweep(problem.samplers, current, level, l_cut, coherence, rng)
 
     take = majorise if problem.settings.optimiser == "majorise" else descend
     return SweepObjective(value, take, _realigner(problem, value))
@@ -259,7 +278,16 @@ def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -
         problem.coarse, problem.weights, problem.settings.stretch, problem.settings.offset
     )
     return warp_level(
-        problem.template, problem.coarse, problem.index, basis, penalty, problem.metric
+        problem.template,
+        problem.coarse,
+        problem.index,
+        basis,
+        penalty,
+        problem.metric,
+        problem.marks,
+        ()
+        if problem.marks is None
+        else tuple(landmark_term(problem.marks, sampler.marks) for sampler in problem.samplers),
     )
 
 
@@ -281,9 +309,9 @@ def _swept(
     labels: tuple[str, int],
     objective: SweepObjective,
     l_cut: float,
-    progress: Progress | None,
+    journal: Journal,
 ) -> LevelResult:
     level = _level(problem, *control)
     limits = (problem.settings.sweeps, problem.settings.tolerance)
-    population, records, status = run_sweeps(population, level, objective, labels, limits, progress)
+    population, records, status = run_sweeps(population, level, objective, labels, limits, journal)
     return LevelResult(population, level, *control, l_cut, records, status)

@@ -9,6 +9,7 @@ import numpy as np
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.correspondence.alignment import AlignmentMode, align_to
 from ostiform.correspondence.description_length import QuadraticForm
+from ostiform.correspondence.landmarks import landmark_term
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.shape_step import (
     ShapeGoal,
@@ -140,20 +141,25 @@ def _swept(
 ) -> tuple[WarpState, ...]:
     """Return the states after the sweeps of one level against the frozen form."""
     most, tolerance = limits
-    goal = ShapeGoal(form, level.metric)
+    goals = [
+        ShapeGoal(form, level.metric, landmark_term(level.marks, sampler.marks))
+        for sampler in samplers
+    ]
     weights = form.root_weights**2
     before = np.inf
     for _ in range(most):
         transforms = to_mean(np.stack([state.landmarks for state in states]), form.target, weights)
         value = sum(
             objective(state, level, goal, transform)
-            for state, transform in zip(states, transforms, strict=True)
+            for state, goal, transform in zip(states, goals, transforms, strict=True)
         )
         if before - value < tolerance * value:
             break
         before = value
         advanced = []
-        for sampler, state, transform in zip(samplers, states, transforms, strict=True):
+        for sampler, state, goal, transform in zip(
+            samplers, states, goals, transforms, strict=True
+        ):
             step = propose(sampler, state, level, goal, transform).coefficients
             advanced.append(advance(sampler, state, level, goal, transform, step)[0])
         states = tuple(advanced)

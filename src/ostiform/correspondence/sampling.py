@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.domain import BaseDomain, Circle, Sphere, Template, tangent_frame
 from ostiform.embedding import Embedding
 from ostiform.errors import InputError
@@ -31,6 +31,7 @@ __all__ = [
     "ComponentSampler",
     "CurveSampler",
     "ShapeSampler",
+    "SurfaceMarks",
     "pull_back",
     "pulled_back",
     "sample",
@@ -90,10 +91,47 @@ class ComponentSampler:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SurfaceMarks:
+    """Landmarks that a user placed on one shape.
+
+    Attributes
+    ----------
+    names : tuple of str
+    positions : (L, 3) float64, mm
+        In the shape's input coordinates.
+    sd_mm : (L,) float64
+        Standard deviation of each coordinate, positive.
+    """
+
+    names: tuple[str, ...]
+    positions: FloatArray
+    sd_mm: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        count = len(self.names)
+        object.__setattr__(self, "positions", frozen_floats(self.positions, (count, 3), "marks"))
+        object.__setattr__(self, "sd_mm", frozen_floats(self.sd_mm, (count,), "sd of marks"))
+        if (self.sd_mm <= 0.0).any():
+            raise InputError(
+                f"landmark {self.names[int(self.sd_mm.argmin())]}: expected a standard deviation "
+                f"above 0 mm, found {self.sd_mm.min():g}"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ShapeSampler:
-    """A shape prepared for sampling, one component per sphere of the base domain, in its order."""
+    """A shape prepared for sampling, one component per sphere of the base domain, in its order.
+
+    Attributes
+    ----------
+    components : tuple of ComponentSampler
+    marks : SurfaceMarks or None
+        The user's landmarks on it.
+    """
 
     components: tuple[ComponentSampler, ...]
+    marks: SurfaceMarks | None = None
 
 
 def sampler(embeddings: Sequence[Embedding], domain: BaseDomain) -> ShapeSampler:

@@ -38,6 +38,9 @@ class CorrespondenceSettings:
         the quadratic models promise less than this share too.
     stretch, offset : float
         Penalty on the accumulated displacement; see `penalty.displacement_penalty`.
+    coherence : float
+        Strength of the coherence term of levels 2 and finer, dimensionless: one over the square
+        of the radius of the mean shape; see `coherence`.
     metric : float
         Strength of the metric term; see `metric`.
     euclidean_noise_mm : float or None
@@ -58,7 +61,8 @@ class CorrespondenceSettings:
     tolerance: float = 2e-3
     stretch: float = 100.0
     offset: float = 100.0
-    metric: float = 3000.0
+    coherence: float = 1e6
+    metric: float = 1000.0
     euclidean_noise_mm: float | None = None
     seed: int = 0
 
@@ -85,7 +89,7 @@ class CorrespondenceSettings:
                 raise InputError(
                     f"correspondence {name}: expected millimetres above 0, found {value:g}"
                 )
-        for name in ("tolerance", "stretch", "offset", "metric"):
+        for name in ("tolerance", "stretch", "offset", "coherence", "metric"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(
                     f"correspondence {name}: expected a number not below 0, found "

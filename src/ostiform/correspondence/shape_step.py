@@ -20,6 +20,13 @@ from ostiform.correspondence.assembly_kernels import (
     score_derivatives,
 )
 from ostiform.correspondence.description_length import QuadraticForm, form_product, form_value
+from ostiform.correspondence.landmarks import (
+    LandmarkTerm,
+    TemplateMarks,
+    landmark_force,
+    landmark_jacobian_rows,
+    landmark_value,
+)
 from ostiform.correspondence.metric import MetricTerm, metric_residuals, metric_value
 from ostiform.correspondence.metric_kernels import metric_system
 from ostiform.correspondence.penalty import (
@@ -105,6 +112,10 @@ class WarpLevel:
         Half the penalty's second derivative at the identity warp.
     metric : MetricTerm
         Its reference is the mean of the conformal sampling; sweeps bring it up to date.
+    marks : TemplateMarks or None
+        Where the users' landmarks lie.
+    terms : tuple of LandmarkTerm or None
+        Of the shapes of the population that the level is swept with; empty without landmarks.
     """
 
     template: Template
@@ -114,6 +125,8 @@ class WarpLevel:
     penalty: DisplacementPenalty
     curvature: FloatArray
     metric: MetricTerm
+    marks: TemplateMarks | None = None
+    terms: tuple[LandmarkTerm | None, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,10 +139,13 @@ class ShapeGoal:
         Of the Q aligned landmarks.
     metric : MetricTerm
         Of their edges.
+    landmarks : LandmarkTerm or None
+        Of the shape's own landmarks.
     """
 
     form: QuadraticForm
     metric: MetricTerm
+    landmarks: LandmarkTerm | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,11 +172,13 @@ def warp_level(
     basis: FieldBasis,
     penalty: DisplacementPenalty,
     metric: MetricTerm,
+    marks: TemplateMarks | None = None,
+    terms: tuple[LandmarkTerm | None, ...] = (),
 ) -> WarpLevel:
     """Return the shared values of a level, with the penalty's curvature at the identity."""
     fields = active(basis, coarse, coarse.points)
     curvature = penalty_hessian(penalty, fields, len(basis))
-    return WarpLevel(template, coarse, index, basis, penalty, curvature, metric)
+    return WarpLevel(template, coarse, index, basis, penalty, curvature, metric, marks, terms)
 
 
 def start(sampler: ShapeSampler, level: WarpLevel, directions: FloatArray) -> WarpState:
@@ -175,6 +193,7 @@ def objective(state: WarpState, level: WarpLevel, goal: ShapeGoal, transform: Fl
         form_value(goal.form, aligned)
         + penalty_value(level.penalty, state.directions[level.index])
         + metric_value(goal.metric, state.landmarks)
+        + landmark_value(goal.landmarks, state.landmarks)
     )
 
 
@@ -272,8 +291,9 @@ def _clipped(damping: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
-    """Half the gradient (D,), half the metric term's matrix (D, D), and the landmarks' Jacobian.
+    """Half the gradient (D,), half the matrix (D, D) of the terms in input coordinates, a Jacobian.
 
+    Those are the metric term and the users' landmarks.
     The Jacobian of the scaled, aligned landmarks is sparse: `moved` (A, 3) for the active fields.
     """
 
@@ -309,10 +329,11 @@ def _system(
         count,
     )
     hessian = np.zeros((count, count))
-    if goal.metric.strength > 0.0:
+    if goal.metric.strength > 0.0 or goal.landmarks is not None:
         unscaled = landmark_derivatives(
             fields.starts, fields.vectors, derivatives, np.eye(3), np.ones(len(points))
         )
+    if goal.metric.strength > 0.0:
         slope, hessian = metric_system(
             points,
             goal.metric.edges,
@@ -324,4 +345,9 @@ def _system(
             count,
         )
         half_gradient += slope
+    if goal.landmarks is not None:
+        pull = landmark_force(goal.landmarks, points)
+        half_gradient += pulled_back(fields.starts, fields.fields, unscaled, pull, count)
+        rows = landmark_jacobian_rows(goal.landmarks, fields.starts, fields.fields, unscaled, count)
+        hessian = hessian + rows.T @ rows
     return _System(half_gradient, hessian, fields.starts, fields.fields, moved)

@@ -1,8 +1,12 @@
-"""Sweeps over the shapes of a population: one record per sweep, one status per level."""
+"""Sweeps over the shapes of a population: one record per sweep, one status per level.
+
+Where a level stands is a value, `LevelState`: handed out after every sweep and taken back to go
+on, it leads to the same result, bit for bit, as sweeps without interruption.
+"""
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TypeAlias
 
@@ -11,6 +15,7 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import AlignmentMode, align
 from ostiform.correspondence.description_length import QuadraticForm
+from ostiform.correspondence.landmarks import landmark_term, landmark_value
 from ostiform.correspondence.metric import MetricTerm, metric_value, with_reference
 from ostiform.correspondence.penalty import penalty_value
 from ostiform.correspondence.sampling import ShapeSampler
@@ -24,6 +29,9 @@ from ostiform.correspondence.shape_step import (
 from ostiform.surface import vertex_areas
 
 __all__ = [
+    "Journal",
+    "Keep",
+    "LevelState",
     "LevelStatus",
     "Population",
     "Progress",
@@ -104,6 +112,10 @@ class Population:
     states: tuple[WarpState, ...]
     transforms: FloatArray
 
+    def __post_init__(self) -> None:
+        """Give the transforms one memory layout: products round alike wherever they come from."""
+        object.__setattr__(self, "transforms", np.ascontiguousarray(self.transforms))
+
     @property
     def landmarks(self) -> FloatArray:
         """Sampled points (N, Q, 3) in input coordinates, mm."""
@@ -116,6 +128,55 @@ class Population:
         moved = (linear @ self.landmarks[..., None])[..., 0]
         aligned: FloatArray = moved + self.transforms[:, None, :3, 3]
         return aligned
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelState:
+    """Where the sweeps of a level stand.
+
+    Attributes
+    ----------
+    level : int
+        From 1.
+    population : Population
+        After the last finished sweep.
+    records : tuple of SweepRecord
+        Of the level, from sweep 0.
+    status : LevelStatus or None
+        How the level ended; None while it goes on.
+    """
+
+    level: int
+    population: Population
+    records: tuple[SweepRecord, ...]
+    status: LevelStatus | None
+
+    @property
+    def sweeps(self) -> int:
+        """Finished sweeps."""
+        return len(self.records) - 1
+
+
+Keep: TypeAlias = Callable[[LevelState], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Journal:
+    """Who follows a run, and where an earlier, interrupted one stood.
+
+    Attributes
+    ----------
+    progress : callable or None
+        Called with the record of every sweep.
+    keep : callable or None
+        Called with the state after every sweep.
+    begun : mapping of int to LevelState
+        Of an earlier run on the same input, by level.
+    """
+
+    progress: Progress | None = None
+    keep: Keep | None = None
+    begun: Mapping[int, LevelState] = field(default_factory=dict)
 
 
 def area_shares(points: FloatArray, faces: IntArray) -> FloatArray:
@@ -140,6 +201,11 @@ def mean_penalty(population: Population, level: WarpLevel) -> float:
         + metric_value(metric, state.landmarks)
         for state in population.states
     )
+    if level.terms:
+        total += sum(
+            landmark_value(term, state.landmarks)
+            for term, state in zip(level.terms, population.states, strict=True)
+        )
     return total / max(len(population.states) - 1, 1)
 
 
@@ -209,7 +275,10 @@ def joint_sweep(
     takes the longest part of its step that lowers its own objective.
     """
     metric = current_metric(population, level)
-    goals = [ShapeGoal(form, metric) for form in forms]
+    goals = [
+        ShapeGoal(form, metric, landmark_term(level.marks, sampler.marks))
+        for form, sampler in zip(forms, samplers, strict=True)
+    ]
     triples = list(zip(samplers, population.states, goals, population.transforms, strict=True))
     proposals = [
         propose(sampler, state, level, goal, transform)
@@ -253,7 +322,7 @@ def run_sweeps(
     objective: SweepObjective,
     labels: tuple[str, int],
     limits: tuple[int, float],
-    progress: Progress | None,
+    journal: Journal,
 ) -> tuple[Population, tuple[SweepRecord, ...], LevelStatus]:
     """Return the population after the sweeps of one level, their records and the status.
 
@@ -266,18 +335,20 @@ def run_sweeps(
         Stage and level, for the records.
     limits : (int, float)
         Most sweeps, and the tolerance on the relative decrease and on the gradient.
-    progress : callable or None
-        Called with every record.
+    journal : Journal
+        If it knows the level from an earlier run, the sweeps go on from there.
     """
     stage, number = labels
     most, tolerance = limits
-    best, penalty = objective.value(population.aligned), mean_penalty(population, level)
-    best += penalty
-    records = [SweepRecord(stage, number, 0, best, penalty, 0.0, 0.0, 0.0, 0, 0.0)]
-    status = LevelStatus.SWEEP_LIMIT
-    for sweep in range(1, most + 1):
+    state = journal.begun.get(number)
+    if state is None:
+        penalty = mean_penalty(population, level)
+        best = objective.value(population.aligned) + penalty
+        first = SweepRecord(stage, number, 0, best, penalty, 0.0, 0.0, 0.0, 0, 0.0)
+        state = LevelState(number, population, (first,), None)
+    while (end := state.status) is None:
         clock = time.process_time()
-        population, outcome = objective.take(population, level)
+        population, outcome = objective.take(state.population, level)
         population = objective.realign(population)
         penalty = mean_penalty(population, level)
         reached = objective.value(population.aligned) + penalty
@@ -285,7 +356,7 @@ def run_sweeps(
         record = SweepRecord(
             stage,
             number,
-            sweep,
+            state.sweeps + 1,
             reached,
             penalty,
             outcome.step_rad,
@@ -294,13 +365,21 @@ def run_sweeps(
             outcome.accepted,
             time.process_time() - clock,
         )
-        records.append(record)
-        if progress is not None:
-            progress(record)
-        decrease = (best - reached) / scale
-        best = reached
-        small = record.gradient < tolerance
-        if decrease < tolerance and (small or outcome.accepted == 0):
-            status = LevelStatus.CONVERGED if small else LevelStatus.STALLED
-            break
-    return population, tuple(records), status
+        decrease = (state.records[-1].objective - reached) / scale
+        status = _status(record, decrease, most, tolerance)
+        state = LevelState(number, population, (*state.records, record), status)
+        if journal.keep is not None:
+            journal.keep(state)
+        if journal.progress is not None:
+            journal.progress(record)
+    return state.population, state.records, end
+
+
+def _status(
+    record: SweepRecord, decrease: float, most: int, tolerance: float
+) -> LevelStatus | None:
+    """Return how a level ends with a sweep, None if it goes on."""
+    small = record.gradient < tolerance
+    if decrease < tolerance and (small or record.accepted == 0):
+        return LevelStatus.CONVERGED if small else LevelStatus.STALLED
+    return LevelStatus.SWEEP_LIMIT if record.sweep >= most else None

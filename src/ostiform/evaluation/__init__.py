@@ -17,7 +17,7 @@ from ostiform.evaluation.comparison import (
 )
 from ostiform.evaluation.coverage import Coverage, shape_coverage
 from ostiform.evaluation.distances import SurfaceDistance, surface_distances
-from ostiform.evaluation.dynamics import LevelResidues, level_residues
+from ostiform.evaluation.dynamics import LEVELS, LevelResidues, level_residues
 from ostiform.evaluation.evaluate import evaluate_model
 from ostiform.evaluation.files import (
     comparison_facts,
@@ -40,23 +40,44 @@ from ostiform.evaluation.generalisation import (
     fold_residues,
     shape_residues,
 )
+from ostiform.evaluation.generated import TruePopulation, true_population
 from ostiform.evaluation.jackknife import (
     GainInterval,
     cumulative_variance_error,
     gain_interval,
 )
+from ostiform.evaluation.levels import (
+    DynamicEvaluation,
+    dynamic_evaluation_facts,
+    evaluate_dynamic_model,
+)
+from ostiform.evaluation.measurements import (
+    ClinicalTable,
+    LongAxis,
+    RimMeasures,
+    clinical_measures,
+    clinical_table,
+    long_axes,
+    rim_measures,
+    twist_angles,
+)
+from ostiform.evaluation.pointwise import PointResidues, left_out_point_residues
+from ostiform.evaluation.prediction import PredictionErrors, prediction_errors
 from ostiform.evaluation.specificity import Specificity, model_specificity
 from ostiform.evaluation.truth import MaterialMap, TruthDistance, distance_to_truth
 from ostiform.evaluation.types import Evaluation
 
 __all__ = [
+    "LEVELS",
     "MEASURES",
     "MODE_COUNTS",
     "PAPER_GAINS",
+    "ClinicalTable",
     "Compactness",
     "Comparison",
     "Coverage",
     "Division",
+    "DynamicEvaluation",
     "Evaluation",
     "Fold",
     "FoldResidues",
@@ -64,37 +85,52 @@ __all__ = [
     "GainInterval",
     "Generalisation",
     "LevelResidues",
+    "LongAxis",
     "MaterialMap",
     "OriginalMesh",
     "PairedDifference",
     "PlacedFold",
+    "PointResidues",
+    "PredictionErrors",
     "ResidueComparison",
     "Residues",
+    "RimMeasures",
     "Specificity",
     "SurfaceDistance",
+    "TruePopulation",
     "TruthDistance",
     "VolumeCurve",
+    "clinical_measures",
+    "clinical_table",
     "compare",
     "comparison_facts",
     "cross_validated",
     "cross_validation_folds",
     "cumulative_variance_error",
     "distance_to_truth",
+    "dynamic_evaluation_facts",
     "enclosed_volumes",
+    "evaluate_dynamic_model",
     "evaluate_model",
     "evaluation_facts",
     "evaluation_from_facts",
     "fold_residues",
     "gain_interval",
+    "left_out_point_residues",
     "level_residues",
+    "long_axes",
     "model_compactness",
     "model_specificity",
     "paired_difference",
     "part_volumes",
+    "prediction_errors",
     "read_evaluation",
+    "rim_measures",
     "shape_coverage",
     "shape_residues",
     "surface_distances",
+    "true_population",
+    "twist_angles",
     "volume_curves",
     "write_comparisons",
     "write_evaluation",

@@ -5,13 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.evaluation.generalisation import MODE_COUNTS
-from ostiform.model import DynamicModel, ShapeModel, phase_weights, project
+from ostiform.model import DynamicModel, ShapeModel, fourier_design, phase_weights, project
 from ostiform.study import ShapeId
 
-__all__ = ["LevelResidues", "level_residues"]
+__all__ = ["LEVELS", "LevelResidues", "level_residues"]
+
+LEVELS = ("between", "within", "common", "departure")
+"""The levels of a dynamic model, by the names that `DynamicModel` gives them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,20 +29,27 @@ class LevelResidues:
         What the modes between subjects leave of each subject's mean shape.
     within : (n, M) float64
         What the modes of motion leave of each shape's departure from its subject's mean.
+    common : (n, M) float64
+        What the modes of the common motion leave of the same.
+    departure : (n, M) float64
+        What the modes of the departures leave of what the common motion of the training subjects
+        leaves of the same.
     """
 
     subjects: tuple[str, ...]
     between: FloatArray
     within: FloatArray
+    common: FloatArray
+    departure: FloatArray
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
         object.__setattr__(
             self, "between", frozen_floats(self.between, (len(self.subjects), None), "between")
         )
-        object.__setattr__(
-            self, "within", frozen_floats(self.within, (None, self.between.shape[1]), "within")
-        )
+        for name in ("within", "common", "departure"):
+            shape = (None, self.between.shape[1])
+            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
 
 
 def level_residues(
@@ -82,7 +92,24 @@ def level_residues(
         subjects,
         _left(model.between, means - model.total.mean, mode_counts),
         _left(model.within, motion, mode_counts),
+        _left(model.common, motion, mode_counts),
+        _left(model.departure, motion - _common(model, ids, share, owner), mode_counts),
     )
+
+
+def _common(
+    model: DynamicModel, ids: Sequence[ShapeId], share: FloatArray, owner: IntArray
+) -> FloatArray:
+    """Return the common motion (n, P, 3) at the phases of subjects, about each one's mean."""
+    times = np.array([id.time for id in ids])
+    curve = fourier_design(times, model.trajectories.harmonics) @ model.trajectories.common
+    weight = np.bincount(owner, weights=share)
+    means = np.zeros((len(weight), curve.shape[1]))
+    np.add.at(means, owner, share[:, None] * curve)
+    motion: FloatArray = np.tensordot(
+        curve - (means / weight[:, None])[owner], model.total.modes, axes=1
+    )
+    return motion
 
 
 def _left(model: ShapeModel, deviations: FloatArray, mode_counts: Sequence[int]) -> FloatArray:

@@ -190,7 +190,10 @@ def read_evaluation(path: Path) -> Evaluation:
     """
     try:
         return evaluation_from_facts(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError, OstiformError) as error:
+    except (
+        OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError,
+        OstiformError,
+    ) as error:  # fmt: skip
         raise ArtifactError(
             f"{path}: expected an evaluation of ostiform, found a missing, foreign or damaged "
             f"file ({type(error).__name__}: {error}); run `ostiform evaluate` again"

@@ -1,5 +1,10 @@
 """Statistical shape models: area-weighted principal components, their algebra, and their files."""
 
+from ostiform.model.corresponded import (
+    CorrespondedShapes,
+    read_corresponded_shapes,
+    write_corresponded_shapes,
+)
 from ostiform.model.cycles import (
     CycleModel,
     beating_shape,
@@ -14,10 +19,12 @@ from ostiform.model.dynamics import (
     between_share,
     dynamic_model_of,
     fit_dynamic_model,
+    level_shapes,
     mean_cycle,
     phase_prediction,
     resampled_cycle,
     subject_means,
+    variance_shares,
     within_shapes,
 )
 from ostiform.model.files import (
@@ -41,6 +48,18 @@ from ostiform.model.pca import (
     truncated,
 )
 from ostiform.model.phases import phase_weights, with_landmarks_aligned
+from ostiform.model.plotting import model_plotter, point_deviations
+from ostiform.model.prediction import (
+    ENOUGH_SUBJECTS,
+    CyclePredictor,
+    ObservedPhase,
+    PredictedCycle,
+    fit_cycle_predictor,
+    fitted_phase,
+    pose_to_mean_cycle,
+    predict_cycle,
+)
+from ostiform.model.resampling import at_level, resampled, resampled_onto
 from ostiform.model.statismo import read_model, read_statismo, write_model
 from ostiform.model.trajectories import (
     Trajectories,
@@ -50,50 +69,74 @@ from ostiform.model.trajectories import (
     interpolation_errors,
 )
 from ostiform.model.types import ModelMesh, ShapeModel, StoredModel, mesh_of_template
+from ostiform.model.widening import Kernel, Widened, kernel_values, widened, widened_stored
 
 __all__ = [
+    "CorrespondedShapes",
+    "ENOUGH_SUBJECTS",
     "CycleModel",
+    "CyclePredictor",
     "DynamicModel",
+    "Kernel",
     "ModelMesh",
+    "ObservedPhase",
     "PhasePrediction",
+    "PredictedCycle",
     "ShapeModel",
     "StoredModel",
     "Trajectories",
     "TrajectorySettings",
     "VarianceShare",
+    "Widened",
+    "at_level",
     "beating_shape",
     "between_share",
     "cycle_shapes",
     "dynamic_model_of",
     "fit_cycle_model",
+    "fit_cycle_predictor",
     "fit_dynamic_model",
     "fit_model",
     "fit_trajectories",
+    "fitted_phase",
     "fourier_design",
     "interpolation_errors",
+    "kernel_values",
+    "level_shapes",
     "marginal",
     "mean_cycle",
     "mesh_of_template",
     "model_in_span",
+    "model_plotter",
     "part_marginal",
     "phase_prediction",
     "phase_weights",
+    "point_deviations",
+    "pose_to_mean_cycle",
     "posterior",
+    "predict_cycle",
     "principal_modes",
     "project",
     "random_cycles",
+    "read_corresponded_shapes",
     "read_correspondence",
     "read_model",
     "read_statismo",
     "reconstruct",
+    "resampled",
     "resampled_cycle",
+    "resampled_onto",
     "sample_scores",
     "sample_shapes",
     "subject_means",
     "truncated",
+    "variance_shares",
+    "widened",
+    "widened_stored",
     "with_landmarks_aligned",
     "within_shapes",
     "write_corresponded_shape",
+    "write_corresponded_shapes",
     "write_correspondence",
     "write_mean",
     "write_mode",

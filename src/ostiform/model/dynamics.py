@@ -43,7 +43,9 @@ __all__ = [
     "mean_cycle",
     "phase_prediction",
     "resampled_cycle",
+    "level_shapes",
     "subject_means",
+    "variance_shares",
     "within_shapes",
 ]
 
@@ -251,27 +253,62 @@ def within_shapes(model: DynamicModel) -> FloatArray:
     return reconstruct(model.total, model.scores - centres[subject])
 
 
+def level_shapes(model: DynamicModel) -> dict[str, FloatArray]:
+    """Return the training shapes of every level, about the population's mean, mm.
+
+    Returns
+    -------
+    shapes : dict of str to (n, P, 3) float64
+        ``between``: the S subjects' means; ``within``: every shape with its subject's mean
+        replaced by the population's; ``common`` and ``departure``: the two parts of its motion.
+    """
+    subject = _subject_indices(model.ids)
+    centres, common, departure = _levels(model.scores, model.phase_weights, subject, model.ids)
+    return {
+        "between": reconstruct(model.total, centres),
+        "within": reconstruct(model.total, common + departure),
+        "common": reconstruct(model.total, common),
+        "departure": reconstruct(model.total, departure),
+    }
+
+
 def between_share(model: DynamicModel) -> VarianceShare:
     """Return the share of the variance that lies between subjects; the rest is motion.
 
     The interval is that of the jackknife: the share is computed again without each subject.
     """
+    return variance_shares(model)["between"]
+
+
+def variance_shares(model: DynamicModel) -> dict[str, VarianceShare]:
+    """Return the share of every level in the total variance.
+
+    ``between + within = 1`` and ``common + departure = within``. The intervals are those of the
+    jackknife over subjects.
+    """
     subject = _subject_indices(model.ids)
-    value = _between_share(model.scores, model.phase_weights, subject)
+    values = _shares(model.scores, model.phase_weights, subject, model.ids)
     count = len(model.subjects)
     if count < 3:
-        return VarianceShare(value, None, None)
-    left_out = np.array(
-        [
-            _between_share(
-                model.scores[subject != s], model.phase_weights[subject != s], subject[subject != s]
-            )
-            for s in range(count)
-        ]
-    )
-    error = np.sqrt((count - 1.0) / count * ((left_out - left_out.mean()) ** 2).sum())
-    half = float(stdtrit(count - 1, 0.5 * (1.0 + CONFIDENCE)) * error)
-    return VarianceShare(value, max(0.0, value - half), min(1.0, value + half))
+        return {name: VarianceShare(value, None, None) for name, value in values.items()}
+    left_out: dict[str, list[float]] = {name: [] for name in values}
+    for s in range(count):
+        kept = np.flatnonzero(subject != s)
+        found = _shares(
+            model.scores[kept],
+            model.phase_weights[kept],
+            subject[kept],
+            [model.ids[index] for index in kept],
+        )
+        for name, value in found.items():
+            left_out[name].append(value)
+    factor = float(stdtrit(count - 1, 0.5 * (1.0 + CONFIDENCE))) * np.sqrt((count - 1.0) / count)
+    shares = {}
+    for name, value in values.items():
+        others = np.array(left_out[name])
+        half = factor * float(np.sqrt(((others - others.mean()) ** 2).sum()))
+        shares[name] = VarianceShare(value, max(0.0, value - half), min(1.0, value + half))
+    return shares
 
 
 def resampled_cycle(model: DynamicModel, subject: str, times: FloatArray) -> FloatArray:
@@ -326,13 +363,34 @@ def _group_means(values: FloatArray, share: FloatArray, groups: np.ndarray) -> F
     return means
 
 
-def _between_share(scores: FloatArray, share: FloatArray, groups: np.ndarray) -> float:
-    _, index = np.unique(groups, return_inverse=True)
+def _levels(
+    scores: FloatArray, share: FloatArray, groups: np.ndarray, ids: Sequence[ShapeId]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the means of the groups (S, K), and common motion and departures (N, K)."""
+    _, index, counts = np.unique(groups, return_inverse=True, return_counts=True)
+    centres = _group_means(scores, share, groups)
+    motion = scores - centres[index]
+    times = np.array([id.time for id in ids])
+    common = _common_motion(motion, share, times, int(np.median(counts)) // 2)
+    return centres, common, motion - common
+
+
+def _shares(
+    scores: FloatArray, share: FloatArray, groups: np.ndarray, ids: Sequence[ShapeId]
+) -> dict[str, float]:
     weights = share / share.sum()
-    centres = _group_means(scores, weights, groups)
+    _, common, departure = _levels(scores, weights, groups, ids)
     total = weights @ ((scores - weights @ scores) ** 2).sum(axis=1)
-    within = weights @ ((scores - centres[index]) ** 2).sum(axis=1)
-    return float(1.0 - within / total) if total > 0.0 else 0.0
+    if total <= 0.0:
+        return {"between": 0.0, "within": 0.0, "common": 0.0, "departure": 0.0}
+    parts = [float(weights @ (part**2).sum(axis=1) / total) for part in (common, departure)]
+    within = float(weights @ ((common + departure) ** 2).sum(axis=1) / total)
+    return {
+        "between": 1.0 - within,
+        "within": within,
+        "common": parts[0],
+        "departure": parts[1],
+    }
 
 
 def _common_motion(

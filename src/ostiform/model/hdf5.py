@@ -1,7 +1,7 @@
 """The pieces of HDF5 files that models and correspondences share: texts, templates, identities."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,16 @@ def writing(path: Path) -> Iterator[h5py.File]:
 
 
 @contextmanager
-def reading(path: Path, content: str) -> Iterator[h5py.File]:
-    """Give an HDF5 file to read from.
+def reading(path: Path, content: str, opened: h5py.File | None = None) -> Iterator[h5py.File]:
+    """Give an HDF5 file to read from, and turn what goes wrong into one sentence about it.
+
+    Parameters
+    ----------
+    path : Path
+    content : str
+        What the file should be, for the message.
+    opened : h5py.File, optional
+        Already open in memory, to be filled from the file; closed by the caller.
 
     Raises
     ------
@@ -53,11 +61,14 @@ def reading(path: Path, content: str) -> Iterator[h5py.File]:
         If the file is missing, is no HDF5 file, or lacks something that the block asks for.
     """
     try:
-        with h5py.File(path, "r") as file:
+        with nullcontext(opened) if opened is not None else h5py.File(path, "r") as file:
             yield file
     except OstiformError as error:
         raise ArtifactError(f"{path}: expected {content}, found that {error}") from error
-    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except (
+        OSError, KeyError, IndexError, ValueError, TypeError, AttributeError, RuntimeError,
+        MemoryError, OverflowError,
+    ) as error:  # fmt: skip
         reason = str(error.args[0]) if error.args else type(error).__name__
         raise ArtifactError(
             f"{path}: expected {content}, found a missing, foreign or damaged file ({reason}); "

@@ -8,29 +8,26 @@ of modes differ and must not be mixed.
 """
 
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 from scipy.linalg import svd
 
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import FloatArray
 from ostiform.domain import Template
-from ostiform.errors import InputError
 from ostiform.model.hdf5 import (
     check_schema,
     put_facts,
     put_ids,
     put_loops,
     put_template,
-    reading,
     take_ids,
     take_loops,
     take_template,
     take_texts,
     writing,
 )
-from ostiform.model.pca import principal_modes, weighted_size
+from ostiform.model.published import opened_model, published_model
 from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
 
 __all__ = ["read_model", "read_statismo", "write_model"]
@@ -73,27 +70,34 @@ def read_model(path: Path) -> StoredModel:
     ArtifactError
         If the file is missing, damaged or no such model.
     """
-    with reading(path, "a shape model") as file:
+    with opened_model(path) as file:
         if OWN_GROUP in file:
             return _take_own(file[OWN_GROUP])
-        model = _take_foreign(file)
+        model = published_model(file)
         return StoredModel(model, np.empty((0, len(model.modes))), (), None)
 
 
-def read_statismo(path: Path) -> ShapeModel:
-    """Read the part of a model file that statismo and scalismo define, versions 0.8 and 0.9.
+def read_statismo(path: Path, name: str | None = None) -> ShapeModel:
+    """Read the part of a model file that statismo and scalismo define, versions 0.8 to 1.
 
     The area weights of such a model are not known: all points weigh 1 / P, so variances are the
     file's divided by P. A file without a version is of version 0.8, whose columns hold the
     standard deviations.
 
+    Parameters
+    ----------
+    path : Path
+        HDF5, or its JSON form where the name ends in ``.json``.
+    name : str, optional
+        Which model of a file with a catalog of several.
+
     Raises
     ------
     ArtifactError
-        If the file is missing, damaged, no triangulated model, or of another version.
+        If the file is missing, damaged, no model of triangles or points, or of another version.
     """
-    with reading(path, "a statismo model") as file:
-        return _take_foreign(file)
+    with opened_model(path) as file:
+        return published_model(file, name)
 
 
 def _put_representer(file: h5py.File, model: ShapeModel) -> None:
@@ -101,13 +105,14 @@ def _put_representer(file: h5py.File, model: ShapeModel) -> None:
     for name, text in (
         ("name", REPRESENTER),
         ("version", "0.1"),
-        ("datasetType", "POLYGON_MESH"),
+        ("datasetType", "POLYGON_MESH" if len(model.mesh.faces) else "POINT_SET"),
         ("version/majorVersion", "0"),
         ("version/minorVersion", "9"),
     ):
         group.attrs[name] = np.bytes_(text)
     group.create_dataset("points", data=model.mean.T.astype(np.float32))
-    group.create_dataset("cells", data=model.mesh.faces.T.astype(np.int32))
+    if len(model.mesh.faces):
+        group.create_dataset("cells", data=model.mesh.faces.T.astype(np.int32))
     group.create_group("pointData")
     group.create_group("cellData")
 
@@ -185,60 +190,3 @@ def _take_own(group: h5py.Group) -> StoredModel:
     )
     template: Template | None = take_template(group) if "template_points" in group else None
     return StoredModel(model, group["scores"][:], take_ids(group), template)
-
-
-def _take_foreign(file: h5py.File) -> ShapeModel:
-    scaled_columns = _columns_hold_deviations(file)
-    mean = np.asarray(file["model/mean"], dtype=np.float64).reshape(-1, 3)
-    variances = np.asarray(file["model/pcaVariance"], dtype=np.float64).ravel()
-    basis = np.asarray(file["model/pcaBasis"], dtype=np.float64)  # (3P, K)
-    if basis.shape != (mean.size, len(variances)):
-        raise InputError(
-            f"its basis has shape {basis.shape} where the mean and the variances ask for "
-            f"{(mean.size, len(variances))}"
-        )
-    columns = basis if scaled_columns else basis * np.sqrt(variances)
-    weights = np.full(len(mean), 1.0 / len(mean))
-    modes, spread = principal_modes(
-        np.ascontiguousarray(columns.T).reshape(-1, *mean.shape),
-        weights,
-        weighted_size(mean, weights),
-    )
-    faces = _faces(file)
-    noise = float(np.asarray(file["model/noiseVariance"]).ravel()[0])
-    samples = np.asarray(file["modelinfo/scores"]).shape if "modelinfo/scores" in file else (1, 1)
-    return ShapeModel(
-        mean=mean,
-        modes=modes,
-        variances=spread,
-        weights=weights,
-        mesh=ModelMesh(
-            faces=faces,
-            face_part=np.zeros(len(faces), dtype=np.int64),
-            part=np.zeros(len(mean), dtype=np.int64),
-            parts=("surface",),
-            loops={},
-        ),
-        residual_variance=3.0 * noise,
-        sample_count=0 if samples == (1, 1) else int(samples[1]),
-    )
-
-
-def _columns_hold_deviations(file: h5py.File) -> bool:
-    if "version" not in file:
-        return True
-    found = tuple(
-        int(np.asarray(file[f"version/{name}"]).ravel()[0])
-        for name in ("majorVersion", "minorVersion")
-    )
-    if found not in {(0, 8), (0, 9)}:
-        raise InputError(f"its version is {found[0]}.{found[1]} where 0.8 and 0.9 can be read")
-    return found == (0, 8)
-
-
-def _faces(file: h5py.File) -> IntArray:
-    cells: Any = np.asarray(file["representer/cells"])
-    if cells.ndim != 2 or cells.shape[0] != 3:
-        raise InputError(f"its cells have shape {cells.shape} where triangles are (3, n)")
-    faces: IntArray = np.ascontiguousarray(cells.T, dtype=np.int64)
-    return faces

@@ -4,13 +4,20 @@ All subjects are fitted together: ``x_s(t) = u_s + c(t) + d_s(t)`` with a free c
 subject, a motion c that all share and a departure d_s from it, both Fourier series without
 constant. Penalised least squares,
 
-``sum_sf |x_sf - x_s(t_sf)|^2 + n lambda sum_h h^3 (|c_h|^2 + kappa sum_s |d_sh|^2)``
+``sum_sf |x_sf - x_s(t_sf)|^2 + n lambda sum_h h^4 (|c_h|^2 + kappa sum_s |d_sh|^2)``
 
-with n the mean number of phases (h^2 would penalise the first derivative, h^4 the second), lets
-subjects with few or uneven phases lean on the motion that is common. The number of harmonics,
-lambda and kappa are chosen by leaving one phase out, along every principal axis of the motion:
-the first axes hold movement, the last mostly noise. For penalised least squares the left-out
-residual has the closed form ``e_i / (1 - H_ii)``, H the matrix from data to fit.
+with n the mean number of phases, lets subjects with few or uneven phases lean on the motion that
+is common. h^4 penalises the second derivative: with many harmonics this is the periodic cubic
+smoothing spline (Wahba 1990, chapter 2).
+
+The number of harmonics, lambda and kappa come from leaving one phase out, along every principal
+axis of the motion: the first axes hold movement, the last mostly noise. For penalised least
+squares the left-out residual has the closed form ``e_i / (1 - H_ii)``, H the matrix from data to
+fit. Over a dozen phases the least error is a noisy judge, so candidates are not picked but mixed,
+each with the weight ``(mean squared left-out error)^(-N/2)`` of its pseudo-likelihood (Geisser &
+Eddy 1979; Yao et al. 2018): one that is clearly worse has none. Before any phase is seen their
+odds are as kappa: what the phases cannot tell is held to be common. The errors that are reported
+are nested: the weights used for a left-out phase are those that the other phases give.
 """
 
 from collections.abc import Sequence
@@ -33,17 +40,17 @@ __all__ = [
 FITTED_EXACTLY = 1e-9
 """Phases with ``1 - H_ii`` below this cannot be predicted from the others."""
 
-AS_GOOD = 1.01
-"""Ratio to the least criterion within which candidates count as equally good."""
+NEGLIGIBLE = 1e-6
+"""Part of the squared motion added to squared errors: errors below about a thousandth of the
+motion tell candidates apart no more."""
 
-NEGLIGIBLE = 1e-4
-"""Part of the squared motion added to squared errors: with `AS_GOOD`, errors below about a
-thousandth of the motion tie."""
+LEAST_WEIGHT = 1e-4
+"""Candidates with less than this weight along every axis are left out of the mixture."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySettings:
-    """What cross-validation chooses from.
+    """What cross-validation weighs against each other.
 
     Attributes
     ----------
@@ -56,8 +63,8 @@ class TrajectorySettings:
         Candidates of kappa: how much harder a departure is penalised than the common motion.
     """
 
-    harmonics: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 10)
-    smoothness: tuple[float, ...] = (0.1, 3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 1e-5, 1e-6)
+    harmonics: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 10, 16)
+    smoothness: tuple[float, ...] = (1.0, 0.2, 6e-2, 2.5e-2, 1e-2, 4e-3, 1e-3, 2e-4, 3e-5, 1e-6)
     stiffness: tuple[float, ...] = (100.0, 10.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -90,10 +97,11 @@ class Trajectories:
     common : (2 H + 1, R) float64
         Of the motion that all subjects share; its constant is zero.
     choices : (R, 3) float64
-        Number of harmonics, lambda and kappa chosen along each principal axis of the motion.
+        Number of harmonics, lambda and kappa of the candidate with the largest weight along each
+        principal axis of the motion.
     left_out_errors : (N,) float64
-        Distance of each phase from the curves fitted without it; NaN where a subject's only
-        phase cannot be left out.
+        Distance of each phase from the curves fitted, and candidates weighed, without it; NaN
+        where a subject's only phase cannot be left out.
     """
 
     subjects: tuple[str, ...]
@@ -138,7 +146,7 @@ def fit_trajectories(
     times: FloatArray,
     settings: TrajectorySettings | None = None,
 ) -> Trajectories:
-    """Fit the closed curves of all subjects together, their order chosen by cross-validation.
+    """Fit the closed curves of all subjects together, their order decided by cross-validation.
 
     Parameters
     ----------
@@ -161,31 +169,37 @@ def fit_trajectories(
     rows = [np.flatnonzero(np.asarray(subjects) == name) for name in names]
     axes = _motion_axes(data, rows)  # (R, R)
     turned = data @ axes
-    candidates = [
-        (harmonics, smoothness, stiffness)
-        for stiffness in sorted(settings.stiffness, reverse=True)
-        for harmonics in sorted(settings.harmonics)
-        for smoothness in sorted(settings.smoothness, reverse=True)
-    ]
-    fits = [_penalised_fit(turned, moments, rows, candidate) for candidate in candidates]
-    errors = np.stack([np.nansum(fit.left_out**2, axis=0) for fit in fits])  # (C, R)
-    picked = _picked(errors, float((_motion(data, rows) ** 2).sum()))
-    choices = np.array(candidates)[picked]  # (R, 3)
-    highest = int(choices[:, 0].max(initial=0.0))
+    floor = NEGLIGIBLE * float((_motion(data, rows) ** 2).sum()) + np.finfo(np.float64).tiny
+    candidates = _candidates(settings)
+    mixture = _LeftOutMixture.empty(data.shape)
+    criteria = []
+    for candidate in candidates:
+        fit = _penalised_fit(turned, moments, rows, candidate)
+        squared = np.nansum(fit.left_out**2, axis=0)[None]  # (1, R)
+        belief = np.log(candidate[2])
+        criteria.append(belief + _log_likelihood(squared, floor, len(data)))
+        mixture.add(fit.left_out, belief + _log_likelihood(_nested(fit, rows), floor, len(data)))
+    logarithms = np.concatenate(criteria)  # (C, R)
+    weights = np.exp(logarithms - logarithms.max(axis=0, initial=-np.inf))
+    weights = np.where(weights >= LEAST_WEIGHT, weights, 0.0)
+    if all(len(chosen) < 2 for chosen in rows):
+        weights[1:] = 0.0  # nothing can be left out: the simplest
+    weights = weights / weights.sum(axis=0)
+    highest = max(settings.harmonics)
     own = np.zeros((len(names), 2 * highest + 1, data.shape[1]))
     common = np.zeros(own.shape[1:])
-    left_out = np.full(data.shape, np.nan)
-    for number in np.unique(picked):
-        columns, fit = picked == number, fits[number]
-        own[:, : len(fit.common), columns] = fit.coefficients[..., columns]
-        common[: len(fit.common), columns] = fit.common[:, columns]
-        left_out[:, columns] = fit.left_out[:, columns]
+    for candidate, weight in zip(candidates, weights, strict=True):
+        if weight.any():
+            fit = _penalised_fit(turned, moments, rows, candidate)
+            own[:, : len(fit.common)] += weight * fit.coefficients
+            common[: len(fit.common)] += weight * fit.common
+    used = 2 * max((c[0] for c, w in zip(candidates, weights, strict=True) if w.any()), default=0)
     return Trajectories(
         subjects=names,
-        coefficients=own @ axes.T,
-        common=common @ axes.T,
-        choices=choices,
-        left_out_errors=np.linalg.norm(left_out, axis=1),
+        coefficients=own[:, : used + 1] @ axes.T,
+        common=common[: used + 1] @ axes.T,
+        choices=np.array(candidates)[weights.argmax(axis=0)],
+        left_out_errors=np.linalg.norm(mixture.mean, axis=1),
     )
 
 
@@ -214,22 +228,78 @@ def interpolation_errors(
     return errors
 
 
-def _picked(errors: FloatArray, motion: float) -> IntArray:
-    """Return the candidate (R,) for every axis from the squared left-out errors (C, R).
+def _candidates(settings: TrajectorySettings) -> list[tuple[int, float, float]]:
+    """Return the candidates, stiffest, then simplest, then smoothest first.
 
-    Along a single axis, cross-validation over a dozen phases is a noisy judge: the criterion is
-    the sum of the error along the axis and the error along all axes, each relative to the least
-    one. Candidates come stiffest, then simplest, then smoothest first; the first one that is as
-    good as the best one is taken.
+    Without harmonics there is nothing to penalise, so that candidate comes once.
     """
-    if not errors.size:
-        return np.zeros(errors.shape[1], dtype=np.int64)
-    floor = NEGLIGIBLE * motion + np.finfo(np.float64).tiny
-    overall = errors.sum(axis=1, keepdims=True)  # (C, 1)
-    criterion = (errors + floor) / (errors.min(axis=0) + floor)
-    criterion = criterion + (overall + floor) / (overall.min() + floor)  # (C, R)
-    picked: IntArray = (criterion <= AS_GOOD * criterion.min(axis=0)).argmax(axis=0)
-    return picked
+    return [
+        (harmonics, smoothness, stiffness)
+        for index, stiffness in enumerate(sorted(settings.stiffness, reverse=True))
+        for harmonics in sorted(set(settings.harmonics))
+        for number, smoothness in enumerate(sorted(settings.smoothness, reverse=True))
+        if harmonics > 0 or index + number == 0
+    ]
+
+
+def _log_likelihood(squared: FloatArray, floor: float, count: int) -> FloatArray:
+    """Return the logarithms of pseudo-likelihoods (n, R) from squared left-out errors (n, R).
+
+    Along a single axis a dozen phases say little: the error counts half along the axis and half
+    over all axes together.
+    """
+    overall = squared.sum(axis=1, keepdims=True)
+    found: FloatArray = -0.25 * count * (np.log(squared + floor) + np.log(overall + floor))
+    return found
+
+
+def _nested(fit: "_Fit", rows: Sequence[IntArray]) -> FloatArray:
+    """Return for every phase the squared left-out errors (N, R) of the others, found without it.
+
+    With B the rows of ``I - H`` of two phases of a subject, their residuals when both are left
+    out are ``B^-1 e``. Phases of other subjects hardly feel the one left out: theirs are those
+    with it.
+    """
+    squared = np.nan_to_num(fit.left_out) ** 2  # (N, R)
+    errors = np.tile(squared.sum(axis=0), (len(squared), 1))
+    for free, chosen in zip(fit.free, rows, strict=True):
+        residual = fit.residuals[chosen]  # (n, R)
+        diagonal = np.diag(free)
+        determinant = np.outer(diagonal, diagonal) - free**2  # (n, n)
+        known = determinant > FITTED_EXACTLY
+        np.fill_diagonal(known, False)
+        scale = np.where(known, 1.0 / np.where(known, determinant, 1.0), 0.0)
+        # [i, j]: residual of j without i and j
+        pairs = diagonal[:, None, None] * residual - free[:, :, None] * residual[:, None]
+        without = ((scale[:, :, None] * pairs) ** 2).sum(axis=1)  # (n, R)
+        errors[chosen] += without - squared[chosen].sum(axis=0)
+    nested: FloatArray = np.maximum(errors, 0.0)
+    return nested
+
+
+@dataclass(slots=True, eq=False)
+class _LeftOutMixture:
+    """Left-out residuals of candidates, averaged with weights that come one by one."""
+
+    largest: FloatArray  # (N, R) logarithm of the largest weight so far
+    total: FloatArray  # (N, R) sum of the weights over the largest
+    summed: FloatArray  # (N, R)
+
+    @staticmethod
+    def empty(shape: tuple[int, ...]) -> "_LeftOutMixture":
+        return _LeftOutMixture(np.full(shape, -np.inf), np.zeros(shape), np.zeros(shape))
+
+    def add(self, residuals: FloatArray, logarithms: FloatArray) -> None:
+        largest = np.maximum(self.largest, logarithms)
+        shrunk, weight = np.exp(self.largest - largest), np.exp(logarithms - largest)
+        self.total = self.total * shrunk + weight
+        self.summed = self.summed * shrunk + weight * residuals
+        self.largest = largest
+
+    @property
+    def mean(self) -> FloatArray:
+        mean: FloatArray = self.summed / self.total
+        return mean
 
 
 def _motion_axes(data: FloatArray, rows: Sequence[IntArray]) -> FloatArray:
@@ -241,7 +311,10 @@ def _motion_axes(data: FloatArray, rows: Sequence[IntArray]) -> FloatArray:
 
 
 def _motion(data: FloatArray, rows: Sequence[IntArray]) -> FloatArray:
-    return np.concatenate([data[chosen] - data[chosen].mean(axis=0) for chosen in rows])
+    motion: FloatArray = np.concatenate(
+        [data[chosen] - data[chosen].mean(axis=0) for chosen in rows]
+    )
+    return motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,6 +322,8 @@ class _Fit:
     common: FloatArray  # (2H + 1, R)
     coefficients: FloatArray  # (S, 2H + 1, R)
     left_out: FloatArray  # (N, R), NaN where a phase cannot be left out
+    residuals: FloatArray  # (N, R)
+    free: list[FloatArray]  # (n, n) rows of I - H of every subject
 
 
 def _penalised_fit(
@@ -263,7 +338,7 @@ def _penalised_fit(
     cannot fit by itself, the common motion solves ``(sum F^T M F + C) c = sum F^T M x``.
     """
     harmonics, smoothness, stiffness = choice
-    powers = np.repeat(np.arange(1, harmonics + 1), 2).astype(np.float64) ** 3  # (2H,)
+    powers = np.repeat(np.arange(1, harmonics + 1), 2).astype(np.float64) ** 4  # (2H,)
     common_penalty = len(data) / len(rows) * smoothness * powers
     own_penalty = np.concatenate([[0.0], stiffness * common_penalty])
     designs = [fourier_design(times[chosen], harmonics) for chosen in rows]
@@ -277,12 +352,16 @@ def _penalised_fit(
         right = right + left @ data[chosen]
     inverse = np.linalg.inv(normal)
     common = np.concatenate([np.zeros((1, data.shape[1])), inverse @ right])
-    coefficients, left_out = [], np.full(data.shape, np.nan)
+    coefficients, blocks = [], []
+    left_out, residuals = np.full(data.shape, np.nan), np.empty(data.shape)
     for a, solved, maker, chosen in zip(designs, solutions, makers, rows, strict=True):
         curve = common + solved @ (data[chosen] - a @ common)  # (2H + 1, R)
         coefficients.append(curve)
         through_common = maker @ a[:, 1:]  # (n, 2H)
-        free = np.diag(maker) - ((through_common @ inverse) * through_common).sum(axis=1)
-        known = free > FITTED_EXACTLY  # 1 - H_ii
-        left_out[chosen[known]] = (data[chosen] - a @ curve)[known] / free[known, None]
-    return _Fit(common, np.stack(coefficients), left_out)
+        free = maker - through_common @ inverse @ through_common.T  # (n, n)
+        blocks.append(free)
+        residuals[chosen] = data[chosen] - a @ curve
+        alone = np.diag(free)
+        known = alone > FITTED_EXACTLY  # 1 - H_ii
+        left_out[chosen[known]] = residuals[chosen[known]] / alone[known, None]
+    return _Fit(common, np.stack(coefficients), left_out, residuals, blocks)

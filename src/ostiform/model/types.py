@@ -1,14 +1,23 @@
-"""Statistical shape models as values: a mean, modes, variances, and the mesh they live on."""
+"""Statistical shape models as values: a mean, modes, variances, and the mesh they live on.
 
-from collections.abc import Mapping
+The methods of `ShapeModel` are the functions of `ostiform.model` under short names; these modules
+build on this one and are therefore imported where they are called.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, frozen_mapping
 from ostiform.domain import Template
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
+
+if TYPE_CHECKING:
+    import pyvista
 
 __all__ = ["ModelMesh", "ShapeModel", "StoredModel", "mesh_of_template"]
 
@@ -142,6 +151,77 @@ class ShapeModel:
     def total_variance(self) -> float:
         """Variance of the modes and of the residual together, mm^2 per point."""
         return float(self.variances.sum()) + self.residual_variance
+
+    def project(self, shapes: FloatArray) -> FloatArray:
+        """Return the scores (..., K) in mm of shapes (..., P, 3): see `ostiform.model.project`."""
+        from ostiform.model import pca
+
+        return pca.project(self, shapes)
+
+    def reconstruct(self, scores: ArrayLike) -> FloatArray:
+        """Return the shapes (..., P, 3) in mm of scores: see `ostiform.model.reconstruct`."""
+        from ostiform.model import pca
+
+        return pca.reconstruct(self, np.asarray(scores, dtype=np.float64))
+
+    def sample(self, count: int = 1, seed: int = 0, limit: float = 3.0) -> FloatArray:
+        """Return random shapes (count, P, 3) in mm, equal for equal seeds.
+
+        Scores are truncated at `limit` standard deviations: see `ostiform.model.sample_shapes`.
+        """
+        from ostiform.model import pca
+
+        return pca.sample_shapes(self, count, np.random.default_rng(seed), limit)
+
+    def truncated(self, n_modes: int) -> "ShapeModel":
+        """Return the model with its first modes only: see `ostiform.model.truncated`."""
+        from ostiform.model import pca
+
+        return pca.truncated(self, n_modes)
+
+    def part(self, name: str) -> "ShapeModel":
+        """Return the model of one part: see `ostiform.model.part_marginal`."""
+        from ostiform.model import pca
+
+        return pca.part_marginal(self, name)
+
+    def marginal(self, points: IntArray) -> "ShapeModel":
+        """Return the model of some of the points: see `ostiform.model.marginal`."""
+        from ostiform.model import pca
+
+        return pca.marginal(self, points)
+
+    def posterior(
+        self, points: IntArray, positions: FloatArray, noise_mm: FloatArray | float
+    ) -> "ShapeModel":
+        """Return what remains open once some points are seen: see `ostiform.model.posterior`."""
+        from ostiform.model import pca
+
+        return pca.posterior(self, points, positions, noise_mm)
+
+    def resampled(self, n_points: int) -> "ShapeModel":
+        """Return the model on a new, even mesh of its mean: see `ostiform.model.resampled`."""
+        from ostiform.model import resampling
+
+        return resampling.resampled(self, n_points)
+
+    def resampled_onto(self, vertices: FloatArray, faces: IntArray) -> "ShapeModel":
+        """Return the model on a given mesh near its mean: see `ostiform.model.resampled_onto`."""
+        from ostiform.model import resampling
+
+        return resampling.resampled_onto(self, vertices, faces)
+
+    def plot(
+        self,
+        scores: ArrayLike = (),
+        colour: Literal["part", "displacement", "deviation"] = "part",
+        off_screen: bool | None = None,
+        window_size: Sequence[int] = (800, 700),
+    ) -> "pyvista.Plotter":
+        """Return a PyVista plotter of one shape: see `ostiform.model.model_plotter`."""
+        from ostiform.model import plotting
+
+        return plotting.model_plotter(self, scores, colour, off_screen, window_size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

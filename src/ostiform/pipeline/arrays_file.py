@@ -1,8 +1,11 @@
-"""Shapes and embeddings as ``.npz`` files: plain arrays and one JSON text, never pickle."""
+"""Intermediate results as ``.npz`` files: plain arrays and one JSON text, never pickle.
+
+They are shapes, embeddings, and where the sweeps of a level stand.
+"""
 
 import json
-import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,12 +13,28 @@ from typing import Any
 import numpy as np
 
 from ostiform.arrays import IntArray
+from ostiform.correspondence import (
+    LevelState,
+    LevelStatus,
+    Population,
+    SweepRecord,
+    WarpState,
+)
 from ostiform.embedding import Certificate, Distortion, Embedding, EmbeddingState, SeamJump
 from ostiform.errors import ArtifactError
 from ostiform.study import Shape, ShapeId
 from ostiform.surface import Component, Seam, Surface
 
-__all__ = ["read_embeddings", "read_shape", "write_embeddings", "write_shape"]
+__all__ = [
+    "read_embeddings",
+    "read_level_state",
+    "read_shape",
+    "write_embeddings",
+    "write_level_state",
+    "write_shape",
+]
+
+SCHEMA = 1
 
 Facts = dict[str, Any]
 Arrays = dict[str, np.ndarray]
@@ -33,6 +52,7 @@ def write_shape(path: Path, shape: Shape) -> None:
         "id": [shape.id.subject, shape.id.phase, shape.id.time],
         "parts": [[name, list(surface.loops)] for name, surface in shape.parts.items()],
         "seams": [[seam.first, seam.second] for seam in shape.seams],
+        "repairs": list(shape.repairs),
     }
     _write(path, arrays, facts)
 
@@ -45,16 +65,21 @@ def read_shape(path: Path) -> Shape:
     ArtifactError
         If the file is missing, damaged or of another kind.
     """
-    arrays, facts = _read(path, "shape")
-    parts = {
-        name: Surface(
-            arrays[f"{index}.vertices"],
-            arrays[f"{index}.faces"],
-            _get_loops(arrays, f"{index}.loop", loops),
+    with _reading(path, "shape") as (arrays, facts):
+        parts = {
+            name: Surface(
+                arrays[f"{index}.vertices"],
+                arrays[f"{index}.faces"],
+                _get_loops(arrays, f"{index}.loop", loops),
+            )
+            for index, (name, loops) in enumerate(facts["parts"])
+        }
+        return Shape(
+            ShapeId(*facts["id"]),
+            parts,
+            tuple(Seam(*seam) for seam in facts["seams"]),
+            tuple(facts.get("repairs", ())),
         )
-        for index, (name, loops) in enumerate(facts["parts"])
-    }
-    return Shape(ShapeId(*facts["id"]), parts, tuple(Seam(*seam) for seam in facts["seams"]))
 
 
 def write_embeddings(path: Path, embeddings: Sequence[Embedding]) -> None:
@@ -96,10 +121,51 @@ def read_embeddings(path: Path) -> tuple[Embedding, ...]:
     ArtifactError
         If the file is missing, damaged or of another kind.
     """
-    arrays, facts = _read(path, "embeddings")
-    return tuple(
-        _embedding(arrays, index, stored) for index, stored in enumerate(facts["components"])
-    )
+    with _reading(path, "embeddings") as (arrays, facts):
+        return tuple(
+            _embedding(arrays, index, stored) for index, stored in enumerate(facts["components"])
+        )
+
+
+def write_level_state(path: Path, state: LevelState) -> None:
+    """Write where the sweeps of a level stand; every bit is kept."""
+    states = state.population.states
+    arrays = {
+        "directions": np.stack([one.directions for one in states]),
+        "landmarks": state.population.landmarks,
+        "damping": np.array([one.damping for one in states]),
+        "transforms": state.population.transforms,
+    }
+    facts = {
+        "kind": "level state",
+        "level": state.level,
+        "records": [asdict(record) for record in state.records],
+        "status": None if state.status is None else state.status.name,
+    }
+    _write(path, arrays, facts)
+
+
+def read_level_state(path: Path) -> LevelState:
+    """Read what `write_level_state` wrote.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of another kind.
+    """
+    with _reading(path, "level state") as (arrays, facts):
+        columns = (arrays["directions"], arrays["landmarks"], arrays["damping"])
+        states = tuple(
+            # Arrays of their own, as sweeps make them: views could be summed in another order.
+            WarpState(directions.copy(), landmarks.copy(), float(damping))
+            for directions, landmarks, damping in zip(*columns, strict=True)
+        )
+        return LevelState(
+            int(facts["level"]),
+            Population(states, arrays["transforms"].copy()),
+            tuple(SweepRecord(**record) for record in facts["records"]),
+            None if facts["status"] is None else LevelStatus[facts["status"]],
+        )
 
 
 def _embedding(arrays: Arrays, index: int, facts: Facts) -> Embedding:
@@ -165,23 +231,27 @@ def _get_loops(arrays: Arrays, prefix: str, names: Sequence[Any]) -> dict[Any, I
 
 
 def _write(path: Path, arrays: Arrays, facts: Facts) -> None:
-    text = np.frombuffer(json.dumps(facts, default=float).encode(), np.uint8)
+    text = json.dumps({"schema": SCHEMA, **facts}, default=float)
     with path.open("wb") as stream:
-        np.savez(stream, facts=text, **arrays)  # type: ignore[arg-type]
+        np.savez(stream, facts=np.frombuffer(text.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
 
 
-def _read(path: Path, kind: str) -> tuple[Arrays, Facts]:
+@contextmanager
+def _reading(path: Path, kind: str) -> Iterator[tuple[Arrays, Facts]]:
+    """Give the arrays and facts of a file; whatever they lack is the file's fault."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         facts: Facts = json.loads(arrays.pop("facts").tobytes())
-        if facts["kind"] != kind:
-            raise ValueError(f"a file of {facts['kind']}")
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        found = facts["kind"], facts.get("schema", SCHEMA)
+        if found != (kind, SCHEMA):
+            raise ValueError(f"a file of {found[0]} in layout {found[1]}")
+        for array in arrays.values():
+            array.flags.writeable = False
+        yield arrays, facts
+    except Exception as error:
+        # The readers of zip files and of array headers let whatever they meet escape.
         raise ArtifactError(
-            f"{path}: expected the {kind} that an earlier stage wrote, found {error}; "
-            "run `ostiform build` to make it again"
+            f"{path}: expected the {kind} that an earlier stage wrote, found "
+            f"{str(error)[:200] or type(error).__name__}; run `ostiform build` to make it again"
         ) from error
-    for array in arrays.values():
-        array.flags.writeable = False
-    return arrays, facts

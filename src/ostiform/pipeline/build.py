@@ -7,18 +7,18 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
-from ostiform.errors import InputError
 from ostiform.execution import Workers
 from ostiform.pipeline.correspond import Corresponded, correspond_shapes
 from ostiform.pipeline.embed import Embedded, embed_shapes
 from ostiform.pipeline.evaluate import evaluate_models
-from ostiform.pipeline.events import Event, Note, Tell
+from ostiform.pipeline.events import Event, Note, Tell, Warn
+from ostiform.pipeline.folder import taken
 from ostiform.pipeline.model import model_shapes
 from ostiform.pipeline.prepare import Prepared, prepare_shapes
 from ostiform.pipeline.report import report_run
 from ostiform.pipeline.run import Failure, Run
 from ostiform.pipeline.store import Store, key_of
-from ostiform.study import read_study
+from ostiform.study import Study, read_study
 
 __all__ = ["Stage", "Summary", "build_study"]
 
@@ -65,7 +65,7 @@ class Summary:
 
 
 def build_study(
-    study_path: Path,
+    study: Study | Path,
     output: Path,
     *,
     until: Stage = Stage.REPORT,
@@ -78,8 +78,8 @@ def build_study(
 
     Parameters
     ----------
-    study_path : Path
-        The ``study.toml``.
+    study : Study or Path
+        The study, or its ``study.toml``.
     output : Path
         Folder for the artifacts; made if missing.
     until : Stage
@@ -94,15 +94,20 @@ def build_study(
     OstiformError
         If the study is wrong, too few shapes can be used, or an artifact cannot be written.
     """
-    watch: Tell = tell or _silent
-    study = read_study(study_path)
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: expected a folder for the results, found a file")
-    with Workers(workers) as pool:
-        return _staged(Run(study, Store(output), pool, watch), until)
+    heard: list[str] = []
+
+    def watch(event: Event) -> None:
+        if isinstance(event, Warn):
+            heard.append(event.text)
+        if tell is not None:
+            tell(event)
+
+    read = study if isinstance(study, Study) else read_study(study)
+    with taken(output), Workers(workers) as pool:
+        return _staged(Run(read, Store(output), pool, watch), until, heard)
 
 
-def _staged(run: Run, until: Stage) -> Summary:
+def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
     clock = _Clock({})
     failures: list[Failure] = []
     try:
@@ -123,7 +128,9 @@ def _staged(run: Run, until: Stage) -> Summary:
     if until >= Stage.REPORT:
         clock.timed(
             "report",
-            lambda: report_run(run, prepared, embedded, corresponded, failures, clock.seconds),
+            lambda: report_run(
+                run, prepared, embedded, corresponded, failures, clock.seconds, heard
+            ),
         )
         run.tell(Note(f"report: {run.store.path('report.html')}"))
     return Summary(run.store.root, len(run.study.entries), tuple(failures), clock.seconds)
@@ -138,10 +145,6 @@ class _Clock:
         result = work()
         self.seconds[stage] = time.monotonic() - start
         return result
-
-
-def _silent(_: Event) -> None:
-    pass
 
 
 def _write_failures(run: Run, failures: Sequence[Failure]) -> None:

@@ -8,6 +8,7 @@ from ostiform.domain import triangle_quality
 from ostiform.errors import OstiformError
 from ostiform.execution import Workers
 from ostiform.pipeline.events import Progress, Tell
+from ostiform.pipeline.naming import layout_circles
 from ostiform.pipeline.prepare import prepared_components
 from ostiform.study import (
     ShapeEntry,
@@ -94,7 +95,11 @@ def check_study(study_path: Path, workers: int = 1, tell: Tell | None = None) ->
             if outcome.error is not None:
                 problems[entries[outcome.index].id] = str(outcome.error)
             _tell(tell, "look", done, entries, outcome.index)
-        population = named_population(study.settings, [s for s in surveys if s is not None])
+        population = named_population(
+            study.settings,
+            [s for s in surveys if s is not None],
+            layout_circles(study.settings),
+        )
         problems.update({k: f"shape {k}: {why}" for k, why in population.problems.items()})
         tasks = [
             (study, entry, population.names.get(entry.id), problems.get(entry.id))

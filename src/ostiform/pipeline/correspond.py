@@ -1,7 +1,8 @@
 """Stage 3: the template of the population and its three correspondences (HY 2.2, 2.3).
 
 Artifacts: ``KIND/correspondence.h5`` for the conformal, minimum-Euclidean and optimal model,
-``correspondence.h5`` (the optimal one's) and ``correspondence.json`` (how the run went).
+``correspondence.h5`` (the optimal one's) and ``correspondence.json`` (how the run went). While the
+sweeps go on, where they stand is kept in ``unfinished/``.
 """
 
 import shutil
@@ -27,10 +28,12 @@ from ostiform.errors import InputError
 from ostiform.model import write_correspondence
 from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.embed import Embedded, embedding_artifact
-from ostiform.pipeline.events import Progress, Warn
+from ostiform.pipeline.events import Note, Progress, Warn
+from ostiform.pipeline.landmarks import landmark_inputs, stated_marks, with_marks
 from ostiform.pipeline.prepare import Prepared
 from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, key_of
+from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
 
 __all__ = ["Corresponded", "correspond_shapes", "correspondence_settings", "read_samplers"]
@@ -69,14 +72,25 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
             "mend the shapes left out or add shapes (`ostiform embed` maps a single one)"
         )
     settings = correspondence_settings(run.study)
-    key = key_of("correspondence", [shape.key for shape in embedded.ready], asdict(settings))
+    ids = [shape.id for shape in embedded.ready]
+    key = key_of(
+        "correspondence",
+        [shape.key for shape in embedded.ready],
+        asdict(settings),
+        *landmark_inputs(run.study, ids),
+    )
+    unfinished = Unfinished(run.store, "correspondence", key)
     artifacts = [f"{kind}/correspondence.h5" for kind in KINDS]
     if not all(run.store.is_current(name, key) for name in [*artifacts, FACTS]):
         samplers = read_samplers(run.store, embedded.ready, prepared.domain)
-        ids = [shape.id for shape in embedded.ready]
+        samplers = with_marks(samplers, stated_marks(run.study, ids))
         poses = prepared.poses[list(embedded.index)]
         total = settings.levels * settings.sweeps
         run.tell(Progress("correspond", 0, total))
+        begun = unfinished.begun()
+        if begun:
+            level, sweep = begun[-1].level, begun[-1].sweeps
+            run.tell(Note(f"correspond: goes on after level {level} sweep {sweep}"))
 
         def tell(record: SweepRecord) -> None:
             done = (record.level - 1) * settings.sweeps + min(record.sweep, settings.sweeps)
@@ -84,12 +98,15 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
             run.tell(Progress("correspond", min(done, total - 1), total, detail))
 
         yardstick = build_yardstick(samplers, ids, prepared.domain, poses, settings)
-        trained = correspond(samplers, ids, yardstick, settings, tell)
+        trained = correspond(
+            samplers, ids, yardstick, settings, tell, begun=begun, keep=unfinished.keep
+        )
         for kind in KINDS:
             with run.store.writing(f"{kind}/correspondence.h5", key) as path:
                 write_correspondence(path, trained[kind].correspondence)
         run.store.write_json(FACTS, key, _facts(trained["optimal"], settings))
         run.tell(Progress("correspond", total, total))
+    unfinished.remove()
     facts = run.store.read_json(FACTS)
     if facts["warning"]:
         run.tell(Warn(facts["warning"]))

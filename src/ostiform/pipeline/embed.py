@@ -84,9 +84,8 @@ def _embed(task: _EmbedTask) -> _Mapped:
     settings = EmbeddingSettings(method=task.method)  # type: ignore[arg-type]
     key = key_of("embedding", task.shape.key, task.domain_key, task.method)
     artifact = embedding_artifact(task.shape.name)
-    if task.store.is_current(artifact, key):
-        embeddings = read_embeddings(task.store.path(artifact))
-    else:
+    embeddings = task.store.read_current(artifact, key, read_embeddings)
+    if embeddings is None:
         shape = read_shape(task.store.path(shape_artifact(task.shape.name)))
         components, _ = prepared_components(shape)
         spheres = {sphere.name: sphere for sphere in task.domain.spheres}

@@ -1,11 +1,11 @@
 """Stage 5: the evidence (HY 2.4, 3): compactness, generalisation, specificity, coverage, truth.
 
 Artifacts: ``folds/N.json`` (residues of the shapes left out of one fold), ``KIND/evaluation.json``
-and ``comparison.json``.
+and ``comparison.json``. While the sweeps of a fold go on, where they stand is in ``unfinished/``.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ostiform.correspondence import (
     Correspondence,
     CorrespondenceSettings,
     Kind,
+    SurfaceMarks,
     build_yardstick,
     correspond,
     place,
@@ -45,9 +46,11 @@ from ostiform.pipeline.arrays_file import read_embeddings, read_shape
 from ostiform.pipeline.correspond import Corresponded, correspondence_settings
 from ostiform.pipeline.embed import Embedded, embedding_artifact
 from ostiform.pipeline.events import Note, Progress
+from ostiform.pipeline.landmarks import stated_marks
 from ostiform.pipeline.prepare import Prepared, shape_artifact
 from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
+from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
 from ostiform.study.truth import material_coordinates, read_truth, true_positions
 
@@ -66,7 +69,13 @@ def evaluate_models(
     truth_key = (
         None if settings.truth is None else file_hash(run.study.path.parent / settings.truth)
     )
-    key = key_of("evaluation", corresponded.key, settings.model_dump(mode="json"), truth_key)
+    key = key_of(
+        "evaluation",
+        corresponded.key,
+        settings.model_dump(mode="json"),
+        run.study.settings.seed,
+        truth_key,
+    )
     artifacts = [*(f"{kind}/evaluation.json" for kind in KINDS), COMPARISON]
     if all(run.store.is_current(name, key) for name in artifacts):
         return
@@ -103,13 +112,14 @@ def original_mesh(store: Store, shape: Ready) -> OriginalMesh:
 class _FoldTask:
     store: Store
     fold: Fold
-    artifact: str
+    number: int
     key: str
     shapes: tuple[Ready, ...]
     poses: FloatArray
     domain: BaseDomain
     settings: CorrespondenceSettings
     mode_counts: tuple[int, ...]
+    marks: tuple[SurfaceMarks | None, ...]
 
 
 def _left_out(
@@ -121,17 +131,19 @@ def _left_out(
         return {}
     folds = cross_validation_folds([shape.id for shape in shapes])
     mode_counts = tuple(range(run.study.settings.evaluation.modes + 1))
+    marks = stated_marks(run.study, [shape.id for shape in shapes])
     tasks = [
         _FoldTask(
             run.store,
             fold,
-            f"folds/{number}.json",
+            number,
             key_of("fold", corresponded.key, [fold.label, fold.train, fold.test], mode_counts),
             shapes,
             prepared.poses[list(embedded.index)],
             prepared.domain,
             correspondence_settings(run.study),
             mode_counts,
+            marks,
         )
         for number, fold in enumerate(folds.folds, start=1)
     ]
@@ -144,7 +156,8 @@ def _left_out(
 
 
 def _fold(task: _FoldTask) -> FoldResidues:
-    if not task.store.is_current(task.artifact, task.key):
+    artifact = f"folds/{task.number}.json"
+    if not task.store.is_current(artifact, task.key):
         originals = [original_mesh(task.store, task.shapes[index]) for index in task.fold.test]
         residues = fold_residues(
             task.fold, lambda fold: _placed(task, fold), originals, task.mode_counts
@@ -153,20 +166,28 @@ def _fold(task: _FoldTask) -> FoldResidues:
             kind: [{name: getattr(item, name).tolist() for name in MEASURES} for item in items]
             for kind, items in residues.items()
         }
-        task.store.write_json(task.artifact, task.key, facts)
-    stored = task.store.read_json(task.artifact)
+        task.store.write_json(artifact, task.key, facts)
+    _unfinished(task).remove()
+    stored = task.store.read_json(artifact)
     return {
         kind: tuple(Residues(*(np.array(item[name]) for name in MEASURES)) for item in items)
         for kind, items in stored.items()
     }
 
 
+def _unfinished(task: _FoldTask) -> Unfinished:
+    return Unfinished(task.store, f"fold-{task.number}", task.key)
+
+
 def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
     """Build the three models without a fold's shapes and place these in them."""
     samplers = {
-        index: sampler(
-            read_embeddings(task.store.path(embedding_artifact(task.shapes[index].name))),
-            task.domain,
+        index: replace(
+            sampler(
+                read_embeddings(task.store.path(embedding_artifact(task.shapes[index].name))),
+                task.domain,
+            ),
+            marks=task.marks[index],
         )
         for index in (*fold.train, *fold.test)
     }
@@ -174,7 +195,15 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
     ids = [task.shapes[index].id for index in fold.train]
     poses = task.poses[list(fold.train)]
     yardstick = build_yardstick(training, ids, task.domain, poses, task.settings)
-    trained = correspond(training, ids, yardstick, task.settings)
+    unfinished = _unfinished(task)
+    trained = correspond(
+        training,
+        ids,
+        yardstick,
+        task.settings,
+        begun=unfinished.begun(),
+        keep=unfinished.keep,
+    )
     groups = _groups(task, fold.test)
     placed = {}
     for kind, model in trained.items():

@@ -4,6 +4,8 @@ Artifacts: ``KIND/model.h5``, ``model.h5`` (the optimal one's), and VTP surfaces
 the mean, the first modes at -3, -2, 2 and 3 standard deviations, every shape in correspondence.
 """
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from ostiform.correspondence import KINDS, Correspondence
@@ -50,9 +52,8 @@ def model_shapes(run: Run, corresponded: Corresponded) -> None:
                 )
         run.tell(Progress("model", done, len(KINDS) + 1))
     copy_artifact(run.store, "optimal/model.h5", "model.h5", key)
-    if not run.store.is_current("meshes/mean.vtp", key):
-        correspondence = read_correspondence(run.store.path("optimal/correspondence.h5"))
-        _write_meshes(run, correspondence, key)
+    correspondence = read_correspondence(run.store.path("optimal/correspondence.h5"))
+    _write_meshes(run, correspondence, key)
     run.tell(Progress("model", len(KINDS) + 1, len(KINDS) + 1))
 
 
@@ -63,12 +64,24 @@ def _fitted(correspondence: Correspondence) -> ShapeModel:
 
 def _write_meshes(run: Run, correspondence: Correspondence, key: str) -> None:
     model = _fitted(correspondence)
-    folder: Path = run.store.path("meshes")
-    for index, shape in enumerate(correspondence.ids):
-        write_corresponded_shape(folder / "shapes" / f"{slug(shape)}.vtp", correspondence, index)
-    for mode in range(min(MODES_AS_MESHES, len(model.modes))):
-        for deviation in DEVIATIONS:
-            name = f"mode{mode + 1}_{deviation:+.0f}sd.vtp"
-            write_mode(folder / name, model, mode, deviation)
-    with run.store.writing("meshes/mean.vtp", key) as path:  # last: it vouches for the others
-        write_mean(path, model)
+    writers: dict[str, Callable[[Path], None]] = {
+        "mean": lambda path: write_mean(path, model),
+        **{
+            f"mode{mode + 1}_{deviation:+.0f}sd": partial(
+                write_mode, model=model, mode=mode, deviation=deviation
+            )
+            for mode in range(min(MODES_AS_MESHES, len(model.modes)))
+            for deviation in DEVIATIONS
+        },
+        **{
+            f"shapes/{slug(shape)}": partial(
+                write_corresponded_shape, correspondence=correspondence, index=index
+            )
+            for index, shape in enumerate(correspondence.ids)
+        },
+    }
+    for name, write in writers.items():
+        artifact = f"meshes/{name}.vtp"
+        if not run.store.is_current(artifact, key):
+            with run.store.writing(artifact, key) as path:
+                write(path)

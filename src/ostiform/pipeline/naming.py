@@ -6,8 +6,11 @@ Artifacts: ``surveys/NAME.json``, what naming needs to know of each shape.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from ostiform.domain import Circle, circle_from_part_sphere
 from ostiform.errors import InputError
 from ostiform.pipeline.events import Warn
 from ostiform.pipeline.run import Failure, Run, over_shapes
@@ -18,13 +21,16 @@ from ostiform.study import (
     ShapeNames,
     ShapeSurvey,
     Study,
+    StudySettings,
     named_population,
     survey_from_json,
     survey_shape,
     survey_to_json,
 )
+from ostiform.study.layout_names import LayoutCircle
+from ostiform.surface import split_ostium_name
 
-__all__ = ["Named", "name_shapes", "reading_inputs"]
+__all__ = ["Named", "layout_circles", "name_shapes", "reading_inputs"]
 
 READING_SETTINGS = {
     "repair",
@@ -55,6 +61,26 @@ def name_shapes(run: Run) -> Named:
     found, failures = over_shapes(run, "look", _survey, tasks, [entry.id for entry in entries])
     names, doubtful = _named(run, [survey for survey in found if survey is not None])
     return Named(names, (*failures, *doubtful))
+
+
+def layout_circles(settings: StudySettings) -> dict[str, LayoutCircle]:
+    """Return the circles that a study gives its domain, on the spheres of the components."""
+    sides: dict[str, Literal["first", "second"]] = {}
+    for seam in settings.seam_pairs:
+        sides.setdefault(split_ostium_name(seam.first)[0], "first")
+        sides.setdefault(split_ostium_name(seam.second)[0], "second")
+    circles = {}
+    for name, given in settings.domain.circles.items():
+        part = split_ostium_name(name)[0]
+        center = np.array(given.center, dtype=np.float64)
+        length = float(np.linalg.norm(center))
+        if length == 0.0:
+            continue  # refused where the domain is laid out
+        circle = Circle(center / length, float(np.radians(given.radius_deg)), 0.0)
+        if given.frame == "part" and part in sides:
+            circle = circle_from_part_sphere(circle, sides[part])
+        circles[name] = LayoutCircle(circle.center, circle.radius)
+    return circles
 
 
 def reading_inputs(study: Study, entry: ShapeEntry) -> list[Any]:
@@ -94,7 +120,8 @@ def _survey(task: _SurveyTask) -> ShapeSurvey:
 def _named(
     run: Run, surveys: Sequence[ShapeSurvey]
 ) -> tuple[Mapping[ShapeId, ShapeNames], list[Failure]]:
-    population = named_population(run.study.settings, surveys)
+    settings = run.study.settings
+    population = named_population(settings, surveys, layout_circles(settings))
     failures = []
     for survey in surveys:
         if survey.id not in population.problems:

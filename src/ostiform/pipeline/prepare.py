@@ -1,7 +1,7 @@
 """Stage 1: the files of every shape become surfaces with named ostia, in one pose, on one domain.
 
-Artifacts: ``shapes/NAME.npz`` (the surfaces as read, in input coordinates), ``poses.json`` and
-``domain.json``.
+Artifacts: ``shapes/NAME.npz`` (the surfaces as read, in input coordinates), ``poses.json``,
+``mirrored.json`` (which shapes seem to be mirror images) and ``domain.json``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +15,7 @@ from ostiform.domain import (
     CircleSetting,
     ComponentOutline,
     ConformalHoles,
+    PopulationPoses,
     chosen_pole,
     domain_from_json,
     domain_to_json,
@@ -34,6 +35,8 @@ from ostiform.study import Shape, ShapeEntry, ShapeNames, Study, read_shape
 from ostiform.surface import Component, cleaned_for_embedding, welded_components
 
 __all__ = ["Prepared", "prepare_shapes", "prepared_components", "shape_artifact"]
+
+MIRRORED = "mirrored.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,9 +80,14 @@ def prepare_shapes(run: Run) -> Prepared:
         settings.pole,
         settings.domain.model_dump(mode="json"),
     )
-    if not run.store.is_current("poses.json", domain_key):
-        run.store.write_json("poses.json", domain_key, _poses(run, ready).tolist())
+    if not all(run.store.is_current(name, domain_key) for name in ("poses.json", MIRRORED)):
+        posed = _poses(run, ready)
+        run.store.write_json("poses.json", domain_key, posed.transforms.tolist())
+        run.store.write_json(MIRRORED, domain_key, [bool(item) for item in posed.mirrored])
     poses = frozen_floats(run.store.read_json("poses.json"), (len(ready), 4, 4), "poses")
+    for shape, is_mirrored in zip(ready, run.store.read_json(MIRRORED), strict=True):
+        if is_mirrored:
+            run.tell(Warn(f"{shape.id}: fits the others better as its mirror image; check it"))
     if not run.store.is_current("domain.json", domain_key):
         run.store.write_json("domain.json", domain_key, domain_to_json(_domain(run, ready, poses)))
     domain = domain_from_json(run.store.read_json("domain.json"))
@@ -123,9 +131,8 @@ def _read(task: _ReadTask) -> _Read:
     ]
     key = key_of("shape", reading_inputs(task.study, task.entry), names)
     artifact = shape_artifact(name)
-    if task.store.is_current(artifact, key):
-        shape = read_stored_shape(task.store.path(artifact))
-    else:
+    shape = task.store.read_current(artifact, key, read_stored_shape)
+    if shape is None:
         shape = read_shape(task.study, task.entry, task.names)
         prepared_components(shape)  # a topology that cannot be mapped is refused here
         with task.store.writing(artifact, key) as path:
@@ -133,13 +140,9 @@ def _read(task: _ReadTask) -> _Read:
     return _Read(Ready(task.entry.id, name, key), shape.repairs)
 
 
-def _poses(run: Run, ready: Sequence[Ready]) -> FloatArray:
+def _poses(run: Run, ready: Sequence[Ready]) -> PopulationPoses:
     shapes = [read_stored_shape(run.store.path(shape_artifact(shape.name))) for shape in ready]
-    poses = population_poses(shapes)
-    for shape, is_mirrored in zip(ready, poses.mirrored, strict=True):
-        if is_mirrored:
-            run.tell(Warn(f"{shape.id}: fits the others better as its mirror image; check it"))
-    return poses.transforms
+    return population_poses(shapes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

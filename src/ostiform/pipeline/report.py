@@ -1,7 +1,7 @@
 """Stage 6: the report, rendered from artifacts only.
 
-Artifacts: ``report.html``, the files of its figures in ``figures/``, and the numbers behind two of
-them: ``volumes.csv`` (ml) and ``scores.csv`` (mm).
+Artifacts: ``run.json`` (what was run), ``report.html``, the files of its figures in ``figures/``,
+and the numbers behind two of them: ``volumes.csv`` (ml) and ``scores.csv`` (mm).
 """
 
 import csv
@@ -9,49 +9,67 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
 from ostiform import __version__
 from ostiform.arrays import FloatArray
 from ostiform.correspondence import KINDS
-from ostiform.embedding import Embedding, paper_states
+from ostiform.domain import BaseDomain, domain_from_json
+from ostiform.errors import ArtifactError
 from ostiform.evaluation import (
     Evaluation,
     GainInterval,
     compare,
     cumulative_variance_error,
     gain_interval,
+    left_out_point_residues,
     part_volumes,
     read_evaluation,
 )
+from ostiform.execution import Workers
 from ostiform.model import (
-    DynamicModel,
     StoredModel,
-    dynamic_model_of,
     read_correspondence,
     read_model,
 )
-from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.pipeline.animations import write_animations
+from ostiform.pipeline.arrays_file import read_shape
 from ostiform.pipeline.correspond import Corresponded
-from ostiform.pipeline.embed import Embedded, embedding_artifact
-from ostiform.pipeline.events import Progress
-from ostiform.pipeline.prepare import Prepared
-from ostiform.pipeline.run import Failure, Run
-from ostiform.pipeline.store import key_of
+from ostiform.pipeline.covariates import write_covariates
+from ostiform.pipeline.dynamics import write_dynamics
+from ostiform.pipeline.embed import Embedded
+from ostiform.pipeline.events import Progress, Tell
+from ostiform.pipeline.prepare import Prepared, shape_artifact
+from ostiform.pipeline.report_maps import map_records, state_view
+from ostiform.pipeline.report_record import (
+    RunRecord,
+    after,
+    read_record,
+    recorded_inputs,
+    write_record,
+)
+from ostiform.pipeline.run import Failure, Ready, Run
+from ostiform.pipeline.store import Store, file_hash, key_of, slug
 from ostiform.report import (
+    Drawing,
+    FailedShape,
     Page,
-    ShapeMaps,
-    StateView,
+    Picture,
+    clinical_section,
     correspondence_section,
+    cycles_section,
     draw_picture,
     evidence_section,
     headline,
+    headline_table,
     maps_section,
     modes_section,
+    quality_section,
     render_page,
     run_section,
+    sampled_kinks,
     save_drawing,
     scores_section,
     template_section,
@@ -60,10 +78,24 @@ from ostiform.report import (
 )
 from ostiform.study import ShapeId
 
-__all__ = ["report_run"]
+__all__ = ["report_again", "report_run"]
 
 MM3_PER_ML = 1000.0
 LIBRARIES = ("numpy", "scipy", "numba", "vtk", "libigl", "h5py", "matplotlib")
+RESULTS = {
+    "model.h5": "the optimal model (statismo layout): mean, modes, variances, mesh",
+    "correspondence.h5": "every shape in correspondence",
+    "meshes": "mean, modes and all shapes as VTP surfaces",
+    "scores.csv": "scores of every shape (mm)",
+    "volumes.csv": "volumes of every shape (ml)",
+    "clinical.csv": "volumes, openings, long axis and twist of every shape",
+    "dynamics.json": "who and when: the levels of the dynamic model",
+    "dynamics.h5": "the dynamic model",
+    "comparison.json": "the three models compared",
+    "figures": "every figure as SVG, PDF and PNG (300 dots per inch)",
+    "animations": "modes and cycles as moving pictures",
+}
+"""Files and folders beside the report, and what is in them."""
 
 
 def report_run(
@@ -73,6 +105,7 @@ def report_run(
     corresponded: Corresponded,
     failures: Sequence[Failure],
     seconds: Mapping[str, float],
+    warnings: Sequence[str] = (),
 ) -> None:
     """Write the report of a run.
 
@@ -84,9 +117,57 @@ def report_run(
     failures : sequence of Failure
     seconds : mapping of str to float
         Wall time of the stages of this run.
+    warnings : sequence of str
+        What the stages of this run have warned of.
     """
-    store = run.store
-    run.tell(Progress("report", 0, 1))
+    study = run.study
+    left_out = {f"{failure.id} left out: {failure.reason}" for failure in failures}
+    record = RunRecord(
+        version=__version__,
+        title=study.settings.report.title or study.path.resolve().parent.name or "study",
+        study=str(study.path),
+        study_sha256=file_hash(study.path),
+        settings=study.settings.model_dump(mode="json", by_alias=True),
+        entries=len(study.entries),
+        shapes=embedded.ready,
+        failures=tuple(failures),
+        repairs=prepared.repairs,
+        warnings=tuple(text for text in warnings if text not in left_out),
+        seconds=dict(seconds),
+        files=recorded_inputs(run),
+        domain_key=prepared.domain_key,
+        correspondence_key=corresponded.key,
+    )
+    record = after(read_record(run.store), record)
+    write_record(run.store, record)
+    write_covariates(run)
+    _render(run.store, record, run.workers, run.tell)
+
+
+def report_again(output: Path, workers: Workers, tell: Tell) -> RunRecord:
+    """Write the report of an output folder again, from what lies in it alone.
+
+    Neither the study nor its meshes are needed.
+
+    Raises
+    ------
+    ArtifactError
+        If the folder holds no finished run, or one of its artifacts is missing or damaged.
+    """
+    store = Store(output)
+    record = read_record(store)
+    if record is None:
+        raise ArtifactError(
+            f"{output}: expected the results of a finished run, found no run.json; run "
+            "`ostiform build` with this output folder"
+        )
+    _render(store, record, workers, tell)
+    return record
+
+
+def _render(store: Store, record: RunRecord, workers: Workers, tell: Tell) -> None:
+    tell(Progress("report", 0, 1))
+    domain = domain_from_json(store.read_json("domain.json"))
     evaluations: dict[str, Evaluation] = {
         kind: read_evaluation(store.path(f"{kind}/evaluation.json")) for kind in KINDS
     }
@@ -96,58 +177,107 @@ def report_run(
         kind: read_model(store.path(f"{kind}/model.h5")) for kind in KINDS
     }
     stored = models["optimal"]
-    dynamic = _dynamic(stored)
+    dynamics = write_dynamics(
+        store, record.correspondence_key, stored, correspondence, record.settings
+    )
+    dynamic = None if dynamics.evaluation is None else dynamics.evaluation.model
+    write_animations(store, record.correspondence_key, stored.model, dynamic)
     intervals = _gain_intervals(models)
     volumes = part_volumes(correspondence.points, stored.model.mesh)
+    residues = left_out_point_residues(
+        correspondence.aligned, correspondence.weights, correspondence.ids, _most_modes(evaluations)
+    )
     facts = store.read_json("correspondence.json")
-    maps = [
-        ShapeMaps(str(shape.id), read_embeddings(store.path(embedding_artifact(shape.name))))
-        for shape in embedded.ready
-    ]
+    maps = map_records(store, record.shapes, workers)
     controls = facts["control_points"]
     n_boundary = len(controls["boundary"]["directions"])
     n_interior = len(controls["interior"]["directions"])
+    view = state_view(store, _shown(record), record.settings["report"]["part"], domain, facts)
+    kinks = sampled_kinks(correspondence, domain)
+    repairs = {
+        str(shape.id): len(record.repairs[shape.name])
+        for shape in record.shapes
+        if shape.name in record.repairs
+    }
     page = Page(
-        title=run.study.path.parent.name or "study",
-        subtitle=_subtitle(run, len(embedded.ready), seconds),
+        title=record.title,
+        subtitle=_subtitle(record),
         facts=headline(
-            evaluations, comparisons, intervals, len(embedded.ready), len(run.study.entries)
+            evaluations, len(record.shapes), record.entries, sum(record.seconds.values())
         ),
         sections=(
-            viewer_section(stored, dynamic),
-            evidence_section(evaluations, comparisons, intervals, _variance_errors(models)),
+            viewer_section(stored, dynamic, residues),
             modes_section(stored.model),
-            scores_section(stored, dynamic, evaluations["optimal"]),
+            evidence_section(evaluations, comparisons, intervals, _variance_errors(models)),
+            quality_section(
+                stored, evaluations["optimal"], maps, residues, repairs, _failed(store, record)
+            ),
+            scores_section(stored, dynamic),
+            cycles_section(dynamics.evaluation),
             volumes_section(correspondence.ids, volumes),
-            maps_section(maps, _state_view(prepared, maps[0], facts), maps[0].label),
+            clinical_section(dynamics.clinical),
+            maps_section(maps, view, kinks),
             template_section(correspondence, evaluations["optimal"]),
             correspondence_section(facts["history"], facts["statuses"], n_interior, n_boundary),
-            run_section(_run_facts(run, prepared, facts), _notes(prepared, failures)),
+            run_section(
+                _run_facts(store, record, domain, facts),
+                record.seconds,
+                _notes(record),
+                [(file.shape, file.role, file.path, file.sha256) for file in record.files],
+                [(name, text) for name, text in RESULTS.items() if store.path(name).exists()],
+            ),
         ),
         warnings=(
-            *(f"{failure.id} left out: {failure.reason}" for failure in failures),
-            *((facts["warning"],) if facts["warning"] else ()),
+            *(f"{failure.id} left out: {failure.reason}" for failure in record.failures),
+            *record.warnings,
         ),
+        summary=headline_table(evaluations, comparisons, intervals),
     )
-    pictures = [picture for section in page.sections for picture in section.pictures]
-    drawings = {}
-    for done, picture in enumerate(pictures, start=1):
-        run.tell(Progress("report", done, len(pictures) + 1, picture.name))
-        drawings[picture.name] = draw_picture(picture)
-        save_drawing(drawings[picture.name], picture.name, store.path("figures"))
-    key = key_of("report", corresponded.key)
-    _write_volumes(run, key, correspondence.ids, volumes)
-    _write_scores(run, key, stored)
+    drawings = _drawn(page, store, workers, tell)
+    key = key_of("report", record.correspondence_key)
+    _write_volumes(store, key, correspondence.ids, volumes)
+    _write_scores(store, key, stored)
     with store.writing("report.html", key) as path:
         path.write_text(render_page(page, drawings), encoding="utf-8")
-    run.tell(Progress("report", len(pictures) + 1, len(pictures) + 1))
+    tell(Progress("report", len(drawings) + 1, len(drawings) + 1))
 
 
-def _dynamic(stored: StoredModel) -> DynamicModel | None:
-    """The model by its sources, where a subject has several phases."""
-    if len({id.subject for id in stored.ids}) == len(stored.ids):
-        return None
-    return dynamic_model_of(stored)
+def _drawn(page: Page, store: Store, workers: Workers, tell: Tell) -> dict[str, Drawing]:
+    """Draw all pictures of a page and write their files."""
+    pictures = [picture for section in page.sections for picture in section.pictures]
+    folder = store.path("figures")
+    drawings = {}
+    for done, outcome in enumerate(workers.each(draw_picture, pictures), start=1):
+        picture: Picture = pictures[outcome.index]
+        drawings[picture.name] = outcome.result
+        save_drawing(outcome.result, picture.name, folder)
+        tell(Progress("report", done, len(pictures) + 1, picture.name))
+    return drawings
+
+
+def _most_modes(evaluations: Mapping[str, Evaluation]) -> int:
+    """The largest number of modes that the left-out shapes were reconstructed with."""
+    generalisation = evaluations["optimal"].generalisation
+    return 1 if generalisation is None else max(1, int(generalisation.mode_counts.max()))
+
+
+def _shown(record: RunRecord) -> Ready:
+    """The shape whose map is drawn: the one the study names, else the first."""
+    wanted = record.settings["report"]["shape"]
+    named = [shape for shape in record.shapes if str(shape.id) == wanted]
+    return named[0] if named else record.shapes[0]
+
+
+def _failed(store: Store, record: RunRecord) -> list[FailedShape]:
+    found = []
+    for failure in record.failures:
+        path = store.path(shape_artifact(slug(failure.id)))
+        try:
+            parts = read_shape(path).parts
+        except ArtifactError:
+            parts = {}
+        found.append(FailedShape(str(failure.id), failure.stage, parts))
+    return found
 
 
 def _gain_intervals(models: Mapping[str, StoredModel]) -> dict[str, GainInterval]:
@@ -167,36 +297,36 @@ def _variance_errors(models: Mapping[str, StoredModel]) -> dict[str, FloatArray]
 
 
 def _write_volumes(
-    run: Run, key: str, ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]
+    store: Store, key: str, ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]
 ) -> None:
     rows = [
         [
             id.subject,
             id.phase,
             f"{id.time:.6g}",
-            *(f"{v[i] / 1000.0:.6g}" for v in volumes.values()),
+            *(f"{v[i] / MM3_PER_ML:.6g}" for v in volumes.values()),
         ]
         for i, id in enumerate(ids)
     ]
     _write_table(
-        run, "volumes.csv", key, ["subject", "phase", "time", *(f"{n}_ml" for n in volumes)], rows
+        store, "volumes.csv", key, ["subject", "phase", "time", *(f"{n}_ml" for n in volumes)], rows
     )
 
 
-def _write_scores(run: Run, key: str, stored: StoredModel) -> None:
+def _write_scores(store: Store, key: str, stored: StoredModel) -> None:
     rows = [
         [id.subject, id.phase, f"{id.time:.6g}", *(f"{score:.6g}" for score in scores)]
         for id, scores in zip(stored.ids, stored.scores, strict=True)
     ]
     modes = [f"mode{k + 1}_mm" for k in range(stored.scores.shape[1])]
-    _write_table(run, "scores.csv", key, ["subject", "phase", "time", *modes], rows)
+    _write_table(store, "scores.csv", key, ["subject", "phase", "time", *modes], rows)
 
 
 def _write_table(
-    run: Run, name: str, key: str, header: Sequence[str], rows: Sequence[Sequence[str]]
+    store: Store, name: str, key: str, header: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> None:
     with (
-        run.store.writing(name, key) as path,
+        store.writing(name, key) as path,
         path.open("w", encoding="utf-8", newline="") as stream,
     ):
         writer = csv.writer(stream, lineterminator="\n")
@@ -204,75 +334,55 @@ def _write_table(
         writer.writerows(rows)
 
 
-def _subtitle(run: Run, n_shapes: int, seconds: Mapping[str, float]) -> str:
-    parts = ", ".join(run.study.settings.part_names)
-    total = sum(seconds.values())
-    return f"{n_shapes} shapes of {parts}; this run took {total:.0f} s; Ostiform {__version__}"
-
-
-def _state_view(prepared: Prepared, maps: ShapeMaps, facts: Mapping[str, Any]) -> StateView:
-    """Choose the part with the most openings, the one that is hardest to map."""
-    openings = [
-        (sum(name.startswith(f"{part}.") for name in embedding.component.rims), number, part)
-        for number, embedding in enumerate(maps.embeddings)
-        for part in embedding.component.parts
-    ]
-    _, number, part = max(openings, key=lambda item: (item[0], -item[1]))
-    embedding: Embedding = maps.embeddings[number]
-    spheres = prepared.domain.spheres
-    index = next(i for i, s in enumerate(spheres) if s.name == embedding.component.name)
-    controls = facts["control_points"]
-    directions = np.array(
-        [
-            direction
-            for group in ("interior", "boundary")
-            for direction, sphere in zip(
-                controls[group]["directions"], controls[group]["sphere"], strict=True
-            )
-            if sphere == index
-        ]
-    ).reshape(-1, 3)
-    return StateView(
-        embedding,
-        spheres[index],
-        part,
-        paper_states(embedding.component, spheres[index], embedding.rotations),
-        directions,
+def _subtitle(record: RunRecord) -> str:
+    subjects = len({shape.id.subject for shape in record.shapes})
+    return (
+        f"{len(record.shapes)} shapes of {subjects} subject{'' if subjects == 1 else 's'}: "
+        f"{', '.join(record.part_names)}. Built with Ostiform {record.version}."
     )
 
 
-def _run_facts(run: Run, prepared: Prepared, facts: Mapping[str, Any]) -> dict[str, str]:
-    settings = run.study.settings.model_dump(mode="json", exclude={"ostia"})
-    circles = {
-        name: f"centre {np.round(circle.center, 3).tolist()}, "
-        f"radius {np.degrees(circle.radius):.1f} degrees"
-        for sphere in prepared.domain.spheres
-        for name, circle in sphere.curves.items()
-    }
+def _run_facts(
+    store: Store, record: RunRecord, domain: BaseDomain, facts: Mapping[str, object]
+) -> dict[str, dict[str, str]]:
+    settings = {name: value for name, value in record.settings.items() if name != "ostia"}
     return {
-        "ostiform": __version__,
-        "python": platform.python_version(),
-        **{name: version(name) for name in LIBRARIES},
-        "study": str(run.study.path.name),
-        "noise (mm)": f"{facts['noise_mm']:.3f}",
-        "l_cut (mm²)": f"{facts['l_cut_mm2']:.5f}",
-        **{f"settings: {name}": json.dumps(value) for name, value in settings.items()},
-        "settings: correspondence, complete": json.dumps(facts["settings"]),
-        **{f"circle {name}": text for name, text in circles.items()},
-        "hash of all inputs": prepared.domain_key[:16],
+        "Versions and inputs": {
+            "ostiform (model)": record.version,
+            "ostiform (report)": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in LIBRARIES},
+            "study file": Path(record.study).name,
+            "SHA-256 of the study file": record.study_sha256,
+            "SHA-256 of model.h5": file_hash(store.path("model.h5")),
+            "hash of all inputs of the base domain": record.domain_key,
+            "hash of all inputs of the correspondence": record.correspondence_key,
+            "noise (mm)": f"{facts['noise_mm']:.3f}",
+            "l_cut (mm²)": f"{facts['l_cut_mm2']:.5f}",
+        },
+        "Settings, defaults included": {
+            **{name: json.dumps(value, ensure_ascii=False) for name, value in settings.items()},
+            "correspondence, complete": json.dumps(facts["settings"], ensure_ascii=False),
+        },
+        "Circles of the base domain": {
+            name: f"centre {np.round(circle.center, 3).tolist()}, "
+            f"radius {np.degrees(circle.radius):.1f} degrees"
+            for sphere in domain.spheres
+            for name, circle in sphere.curves.items()
+        },
     }
 
 
-def _notes(prepared: Prepared, failures: Sequence[Failure]) -> list[tuple[str, str]]:
-    names = {shape.name: str(shape.id) for shape in prepared.ready}
+def _notes(record: RunRecord) -> list[tuple[str, str]]:
+    names = {shape.name: str(shape.id) for shape in record.shapes}
     return [
         *(
             (str(failure.id), f"left out ({failure.stage}): {failure.reason}")
-            for failure in failures
+            for failure in record.failures
         ),
         *(
             (names.get(name, name), repair)
-            for name, repairs in prepared.repairs.items()
+            for name, repairs in record.repairs.items()
             for repair in repairs
         ),
     ]

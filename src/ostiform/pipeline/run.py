@@ -1,10 +1,12 @@
 """What every stage of a run shares, and how a shape is left out."""
 
+import traceback
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
-from ostiform.errors import OstiformError
+from ostiform.errors import ArtifactError, OstiformError
 from ostiform.execution import Workers
 from ostiform.pipeline.events import Progress, Tell, Warn
 from ostiform.pipeline.store import Store
@@ -69,7 +71,7 @@ def over_shapes(
     items: Sequence[Item],
     ids: Sequence[ShapeId],
 ) -> tuple[list[Result | None], list[Failure]]:
-    """Apply a stage's function to every shape, keeping failures apart.
+    """Apply a stage's function to every shape, keeping failures apart, foreseen or not.
 
     Parameters
     ----------
@@ -92,21 +94,44 @@ def over_shapes(
     ------
     OstiformError
         The first failure, where the study says that one bad shape stops the run.
+    ArtifactError
+        If the output folder cannot be written or read: that is no shape's fault.
     """
     results: list[Result | None] = [None] * len(items)
     failures = []
     run.tell(Progress(stage, 0, len(items)))
-    for done, outcome in enumerate(run.workers.each(function, items), start=1):
+    for done, outcome in enumerate(run.workers.each(partial(_guarded, function), items), 1):
         shape = ids[outcome.index]
         if outcome.error is None:
             results[outcome.index] = outcome.value
         else:
-            if run.study.settings.shapes.on_error == "stop":
+            is_fault_of_folder = isinstance(outcome.error, ArtifactError)  # a full disk, say
+            if is_fault_of_folder or run.study.settings.shapes.on_error == "stop":
                 raise outcome.error
-            failures.append(Failure(shape, stage, str(outcome.error)))
-            run.tell(Warn(f"{shape} left out: {outcome.error}"))
+            reason = str(outcome.error)
+            if str(shape) not in reason:
+                reason = f"shape {shape}: {reason}"
+            failures.append(Failure(shape, stage, reason))
+            run.tell(Warn(f"{shape} left out: {reason}"))
         run.tell(Progress(stage, done, len(items), str(shape)))
     return results, sorted(failures, key=lambda failure: list(ids).index(failure.id))
+
+
+def _guarded(function: Callable[[Item], Result], item: Item) -> Result:
+    """Apply a function to one shape; whatever goes wrong is the failure of this shape only."""
+    try:
+        return function(item)
+    except OstiformError:
+        raise
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        failure = OstiformError(
+            f"expected to use this shape, found an error that was not foreseen "
+            f"({type(error).__name__}: {error}, in {place.name}, line {place.lineno}); leave the "
+            "shape out or report the error together with its files"
+        )
+        failure.add_note(traceback.format_exc())
+        raise failure from error
 
 
 def survivors(ready: Iterable[Ready | None]) -> tuple[Ready, ...]:

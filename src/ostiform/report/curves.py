@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -19,12 +20,22 @@ from ostiform.report.style import (
     PART_COLOURS,
     SUBJECT_COLOURS,
     figure,
+    shortened,
     styled,
 )
 
-__all__ = ["Band", "convergence_figure", "evidence_figure", "scores_figure", "volumes_figure"]
+__all__ = [
+    "Band",
+    "GainPoint",
+    "convergence_figure",
+    "evidence_figure",
+    "gains_figure",
+    "scores_figure",
+    "volumes_figure",
+]
 
 MODES_DRAWN = 15
+KIND_MARKERS = {"conformal": "o", "euclidean": "s", "optimal": "^"}
 LABELLED_SUBJECTS = 8
 """More names than this do not fit into a legend."""
 
@@ -46,6 +57,24 @@ class Band:
     half_width: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class GainPoint:
+    """How much less variance the optimal model has than another one.
+
+    Attributes
+    ----------
+    value : float
+        Share of the other's variance.
+    interval : (float, float) or None
+    paper : float or None
+        What the paper reports.
+    """
+
+    value: float
+    interval: tuple[float, float] | None
+    paper: float | None
+
+
 def evidence_figure(
     variance: Mapping[str, Band],
     residue: Mapping[str, Band],
@@ -64,13 +93,13 @@ def evidence_figure(
     specificity : mapping of kind to Band, mm
     """
     panels = [
-        ("Compactness", "cumulative variance (mm² per point)", variance),
+        ("Compactness", "cumulative variance (mm²)", variance),
         ("Generalisation", "surface residue, left out (mm)", residue),
-        ("Specificity", "distance to the nearest shape (mm)", specificity),
+        ("Specificity", "distance to nearest shape (mm)", specificity),
     ]
     drawn = [panel for panel in panels if panel[2]]
     with styled():
-        drawing = figure(63.0 * len(drawn), 72.0)
+        drawing = figure(64.0 * len(drawn), 80.0)
         grid = drawing.subplots(1, len(drawn), squeeze=False)[0]
         for axes, (title, label, bands) in zip(grid, drawn, strict=True):
             _bands(axes, bands)
@@ -78,9 +107,57 @@ def evidence_figure(
             axes.set_ylabel(label)
             axes.set_xlabel("modes")
             axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+            if max(band.modes.max() for band in bands.values()) < 2:
+                axes.set_xlim(-0.5, 2.5)
         handles, labels = grid[0].get_legend_handles_labels()
         drawing.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return drawing
+
+
+def gains_figure(gains: Mapping[str, GainPoint], differences: Mapping[str, Band]) -> Figure:
+    """Draw what the optimal model gains over the other two.
+
+    Parameters
+    ----------
+    gains : mapping of kind to GainPoint
+        In total variance.
+    differences : mapping of kind to Band, mm
+        Residue of left-out shapes, the other model minus the optimal one, by number of modes;
+        without any the panel is left out.
+    """
+    with styled():
+        drawing = figure(75.0 + (85.0 if differences else 0.0), 66.0)
+        grid = drawing.subplots(1, 2 if differences else 1, squeeze=False)[0]
+        axes = grid[0]
+        for row, (kind, gain) in enumerate(gains.items()):
+            if gain.interval is not None:
+                axes.hlines(row, *(100 * end for end in gain.interval), color=COLOURS[kind])
+            axes.plot(100 * gain.value, row, "o", color=COLOURS[kind])
+            if gain.paper is not None:
+                label = "in the paper" if row == 0 else None
+                axes.plot(100 * gain.paper, row, "x", color="#54626f", label=label)
+        axes.axvline(0.0, color="#54626f", linewidth=0.8)
+        axes.set_yticks(range(len(gains)), [f"over {_short(KIND_NAMES[kind])}" for kind in gains])
+        axes.set_ylim(len(gains) - 0.5, -0.5)
+        axes.set_xlabel("gain in total variance (%)")
+        axes.set_title("Compactness")
+        axes.legend(fontsize=8)
+        if differences:
+            axes = grid[1]
+            for kind, band in differences.items():
+                _band(axes, kind, band, f"over {KIND_NAMES[kind]}")
+            axes.axhline(0.0, color="#54626f", linewidth=0.8)
+            axes.set_xlabel("modes")
+            axes.set_ylabel("residue: other − optimal (mm)")
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+            axes.set_title("Generalisation")
+            axes.margins(y=0.3)
+            axes.legend(fontsize=8, loc="upper left")
+    return drawing
+
+
+def _short(name: str) -> str:
+    return name.replace(" ", "\n")
 
 
 def convergence_figure(
@@ -133,15 +210,18 @@ def scores_figure(
         drawing = figure(120.0, 85.0)
         axes = drawing.subplots()
         names = list(dict.fromkeys(subjects))
-        second = min(1, scores.shape[1] - 1)
+        across = scores[:, 1] if scores.shape[1] > 1 else np.zeros(len(scores))
         for index, name in enumerate(names):
             own = np.flatnonzero(np.array(subjects) == name)
             own = own[np.argsort(times[own])]
             closed = np.append(own, own[0])
             look = {"marker": "."} | _look(index, len(names))
-            axes.plot(scores[closed, 0], scores[closed, second], label=name, **look)
+            axes.plot(scores[closed, 0], across[closed], label=shortened(name), **look)
         axes.set_xlabel(f"mode 1 (sd; {100 * share[0]:.0f} % of the variance)")
-        axes.set_ylabel(f"mode {second + 1} (sd; {100 * share[second]:.0f} %)")
+        if scores.shape[1] > 1:
+            axes.set_ylabel(f"mode 2 (sd; {100 * share[1]:.0f} %)")
+        else:
+            axes.set_yticks([])
         axes.set_aspect("equal", adjustable="datalim")
         if len(names) <= LABELLED_SUBJECTS:
             drawing.legend(loc="outside right upper")
@@ -169,7 +249,7 @@ def volumes_figure(curves: Sequence[VolumeCurve]) -> Figure:
                 axes.plot(
                     np.append(curve.times, curve.times[0] + 1.0),
                     np.append(curve.volumes, curve.volumes[0]) / MM3_PER_ML,
-                    label=curve.subject,
+                    label=shortened(curve.subject),
                     **look,
                 )
             axes.set_title(part)
@@ -197,15 +277,21 @@ def _look(index: int, count: int) -> dict[str, Any]:
 
 def _bands(axes: Axes, bands: Mapping[str, Band]) -> None:
     for kind, band in bands.items():
-        shown = band.modes <= MODES_DRAWN
-        modes, mean, half = band.modes[shown], band.mean[shown], band.half_width[shown]
-        axes.plot(modes, mean, color=COLOURS[kind], label=KIND_NAMES[kind], marker=".")
-        axes.fill_between(
-            modes,
-            mean - half,
-            mean + half,
-            color=COLOURS[kind],
-            alpha=0.12,
-            linewidth=0.0,
-        )
+        _band(axes, kind, band, KIND_NAMES[kind])
     axes.set_ylim(bottom=0.0)
+
+
+def _band(axes: Axes, kind: str, band: Band, label: str) -> None:
+    """A curve of one kind of model; colour and marker tell the kinds apart, in print too."""
+    shown = band.modes <= MODES_DRAWN
+    modes, mean, half = band.modes[shown], band.mean[shown], band.half_width[shown]
+    colour, marker = COLOURS[kind], KIND_MARKERS[kind]
+    axes.plot(modes, mean, color=colour, label=label, marker=marker, markersize=3.5)
+    axes.fill_between(
+        modes,
+        mean - half,
+        mean + half,
+        facecolor=to_rgba(colour, 0.1),
+        edgecolor=to_rgba(colour, 0.6),
+        linewidth=0.6,
+    )

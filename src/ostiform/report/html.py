@@ -38,11 +38,20 @@ __all__ = [
 SCREEN_SHRINK = 2
 """Pixels of the print picture per pixel of the one in the page, in each direction."""
 
+SCREEN_QUALITY = 90
+"""Of 100, of the pictures in the page; the files in ``figures/`` lose nothing."""
+
+WEBP_EFFORT = 4
+"""Of 6."""
+
 PNG_COMPRESSION = 3
 """Of 9: a tenth larger than the best, in a third of the time."""
 
 SCREEN_DPI = 125
 """CSS pixels per inch of print: letters of a figure then look like those of the page."""
+
+WIDE = 544
+"""CSS pixels below which a picture of triangles is not shrunk: its screen scrolls instead."""
 
 ROWS_SHOWN = 10
 """Rows of a table before the rest is folded away."""
@@ -57,11 +66,12 @@ class Picture:
     name : str
         File name without suffix, unique in the page.
     figure : matplotlib Figure
+        It may be drawn in another process: no lambda in it.
     caption : str
     description : str
         What a reader who cannot see the figure should know.
     is_vector : bool
-        Whether it is inlined as SVG; otherwise as PNG (pictures of many triangles).
+        Whether it is inlined as SVG; otherwise as WebP (pictures of many triangles).
     """
 
     name: str
@@ -88,11 +98,24 @@ class Drawing:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of texts; numbers are formatted by whoever knows their unit."""
+    """A table of texts; numbers are formatted by whoever knows their unit.
+
+    Attributes
+    ----------
+    caption : str
+    header : tuple of str
+    rows : tuple of tuple of str
+    rows_shown : int
+        Rows before the rest is folded away.
+    texts : tuple of int
+        Columns that hold sentences, which are set to the left; the first always is.
+    """
 
     caption: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    rows_shown: int = ROWS_SHOWN
+    texts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +140,8 @@ class Section:
     tables : tuple of Table
     viewer : str or None
         What the interactive viewer shows, as JSON; at most one section of a page has it.
+    fallback : str or None
+        Anchor of the section with the pictures that stand in for the viewer.
     """
 
     anchor: str
@@ -125,17 +150,19 @@ class Section:
     pictures: tuple[Picture, ...] = ()
     tables: tuple[Table, ...] = ()
     viewer: str | None = None
+    fallback: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """A whole report."""
+    """A whole report; `summary` is a table beside the facts of the headline."""
 
     title: str
     subtitle: str
     facts: tuple[Fact, ...]
     sections: tuple[Section, ...]
     warnings: tuple[str, ...] = field(default=())
+    summary: Table | None = None
 
 
 def draw_picture(picture: Picture) -> Drawing:
@@ -182,6 +209,9 @@ def render_page(page: Page, drawings: Mapping[str, Drawing] | None = None) -> st
     environment.globals["inlined"] = lambda picture: _inlined(
         picture, known.get(picture.name) or draw_picture(picture)
     )
+    environment.globals["is_wide"] = lambda picture: (
+        not picture.is_vector and picture.figure.get_figwidth() * SCREEN_DPI > WIDE
+    )
     environment.globals["as_data"] = _as_data
     environment.filters["tied"] = _tied
     style = files("ostiform.report").joinpath("templates/report.css").read_text("utf-8")
@@ -203,7 +233,6 @@ def render_page(page: Page, drawings: Mapping[str, Drawing] | None = None) -> st
         policy=policy,
         style=Markup(style),
         script=Markup(script),
-        rows_shown=ROWS_SHOWN,
     )
 
 
@@ -242,7 +271,7 @@ def _inlined(picture: Picture, drawing: Drawing) -> Markup:
         svg = re.sub(r'^<svg([^>]*?) height="[^"]*"', r"<svg\1", svg)
         return Markup(_with_own_ids(svg, picture.name))  # Matplotlib escapes the texts it is given
     encoded = base64.b64encode(_shrunk(drawing.png)).decode("ascii")
-    return Markup('<img src="data:image/png;base64,{}" alt="" width="{:.0f}">').format(
+    return Markup('<img src="data:image/webp;base64,{}" alt="" width="{:.0f}">').format(
         encoded, width
     )
 
@@ -250,7 +279,8 @@ def _inlined(picture: Picture, drawing: Drawing) -> Markup:
 def _shrunk(png: bytes) -> bytes:
     buffer = io.BytesIO()
     with Image.open(io.BytesIO(png)) as image:
-        image.convert("RGB").reduce(SCREEN_SHRINK).save(buffer, "png")
+        small = image.convert("RGB").reduce(SCREEN_SHRINK)
+        small.save(buffer, "webp", quality=SCREEN_QUALITY, method=WEBP_EFFORT)
     return buffer.getvalue()
 
 

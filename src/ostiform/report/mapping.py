@@ -1,18 +1,20 @@
-"""What a report says about the maps to the sphere (HY Fig. 2), and about the run itself."""
+"""What a report says about the maps to the sphere (HY Fig. 2)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.domain import Sphere, stereographic_view
 from ostiform.embedding import Embedding, EmbeddingState
+from ostiform.report.distortions import distortion_figure, seam_figure
 from ostiform.report.html import Picture, Section, Table
-from ostiform.report.maps import MapPanel, distortion_figure, map_figure
-from ostiform.surface import exact_orientations
+from ostiform.report.map_records import MapRecord, SeamKink
+from ostiform.report.maps import MapPanel, map_figure
+from ostiform.surface import Seam, exact_orientations
 
-__all__ = ["ShapeMaps", "StateView", "maps_section", "run_section"]
+__all__ = ["StateView", "maps_section"]
 
 STATE_NAMES = {
     "tutte": "Tutte",
@@ -27,25 +29,15 @@ STATE_NAMES = {
     "start": "filled holes",
 }
 
+PAPER_NAMES = STATE_NAMES | {"tutte": "initial (Tutte)", "harmonic": "harmonic descent"}
+
 INNERMOST = 0.8
 """An opening lies inside the disc of radius 1 if all of it is within this radius."""
 
 ZOOM_MARGIN = 1.5
 """Side of the enlarged square over the extent of the openings."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShapeMaps:
-    """The maps of one shape, one per component.
-
-    Attributes
-    ----------
-    label : str
-    embeddings : tuple of Embedding
-    """
-
-    label: str
-    embeddings: tuple[Embedding, ...]
+NO_POINTS = np.empty((0, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,117 +46,96 @@ class StateView:
 
     Attributes
     ----------
+    label : str
+        Of the shape.
     embedding : Embedding
     sphere : Sphere
     part : str
     paper : tuple of EmbeddingState
         The states of the paper's chain on the same mesh.
-    controls : (C, 3) float64
-        Control points on the sphere.
+    interior, boundary : (C, 3) float64
+        Control points on the sphere, inside and on openings and seams.
     """
 
+    label: str
     embedding: Embedding
     sphere: Sphere
     part: str
     paper: tuple[EmbeddingState, ...]
-    controls: FloatArray
+    interior: FloatArray
+    boundary: FloatArray
 
 
-def maps_section(shapes: Sequence[ShapeMaps], view: StateView, label: str) -> Section:
+def maps_section(
+    shapes: Sequence[MapRecord], view: StateView, kinks: Mapping[Seam, SeamKink]
+) -> Section:
     """Return the maps of one part step by step, and the quality of all maps.
 
     Parameters
     ----------
-    shapes : sequence of ShapeMaps
+    shapes : sequence of MapRecord
     view : StateView
-        Of the shape that is drawn.
-    label : str
-        Of that shape.
+        What is drawn.
+    kinks : mapping of Seam to SeamKink
+        Across the seams, after the warps.
     """
-    panels = _panels(view, view.embedding.states, with_controls=True)
-    zoom = _around_openings(panels[-1])
-    ours = map_figure(panels, zoom)
-    paper = map_figure(_panels(view, view.paper, with_controls=False), zoom)
+    steps = _panels(view, view.embedding.states, STATE_NAMES)
+    used = _panels(view, view.embedding.states[-1:], {}, "conformal, as used")
+    paper = [*_panels(view, view.paper, PAPER_NAMES), *used, _control_panel(view, used[0])]
+    zoom = _around_openings(used[0])
     final = view.paper[-1]
     ratio = max(view.embedding.distortion.circle_ratio.values(), default=1.0)
     folded = (
-        f"it ends with {final.flipped} triangles turned over"
+        f"ends with {final.flipped} triangles turned over"
         if final.flipped
-        else "it ends without a fold"
+        else "ends without a fold"
     )
+    enlarged = "" if zoom is None else " The lower row enlarges the dashed square."
+    seams = [_seam_picture(shapes, kinks)] if kinks else []
     return Section(
         "maps",
         "Maps to the sphere",
         (
-            f"Part {view.part} of shape {label} in the stereographic plane, step by step (compare "
-            "Fig. 2 of the paper). Orange triangles are turned over; blue lines are openings and "
-            "seams; dots are the control points of the correspondence. The lower row enlarges the "
-            "dashed square around the openings.",
-            "The paper's own chain (fixed circles, untangling by the least area, smoothing, "
-            f"harmonic descent) on the same mesh is shown below: {folded}. The widest circle has "
-            f"{ratio:.1f} times the radius its opening gets in the conformal map of the surface "
-            "with filled holes; beyond about 2 the harmonic map is folded at its minimum, "
-            "however good the start.",
+            f"Part {view.part} of shape {view.label} in the stereographic plane (compare Fig. 2 of "
+            "the paper). Orange triangles are turned over; blue lines are openings and seams."
+            f"{enlarged}",
+            "First the paper's own chain on this mesh (fixed circles, untangling by the least "
+            f"area, smoothing, harmonic descent): it {folded}. The widest circle has {ratio:.1f} "
+            "times the radius its opening gets in the conformal map of the surface with filled "
+            "holes; beyond about 2 the harmonic map is folded at its minimum, however good the "
+            "start. Beside it the map that is used and the control points of the correspondence.",
         ),
         (
             Picture(
-                "maps",
-                ours,
-                f"The map that is used, step by step (method: {view.embedding.method}); "
-                f"{len(panels[0].faces)} triangles.",
-                "Flattened meshes, one per step; the number of triangles turned over is above "
-                "each.",
+                "maps-paper",
+                map_figure(paper, zoom),
+                "The states of the paper's chain, the map that is used, and the control points: "
+                "dots inside, white squares on openings and seams.",
+                "Flattened meshes, one per state; the number of triangles turned over is above "
+                "each. The last one shows the control points.",
                 is_vector=False,
             ),
             Picture(
-                "maps-paper",
-                paper,
-                "The paper's chain on the same mesh.",
+                "maps",
+                map_figure(steps, zoom),
+                f"The map that is used, step by step (method: {view.embedding.method}); "
+                f"{len(steps[0].faces)} triangles.",
                 "Flattened meshes, one per step; the number of triangles turned over is above "
                 "each.",
                 is_vector=False,
             ),
             _distortion_picture(shapes),
+            *seams,
         ),
-        (_quality_table(shapes), *_seam_tables(shapes)),
+        (_quality_table(shapes), *_seam_tables(shapes, kinks)),
     )
 
 
-def run_section(facts: Mapping[str, str], notes: Sequence[tuple[str, str]]) -> Section:
-    """Return what was run: versions, settings, hashes; and what was repaired or left out.
-
-    Parameters
-    ----------
-    facts : mapping of str to str
-        Names that begin with ``settings:`` or ``circle`` go into tables of their own.
-    notes : sequence of (str, str)
-        Shape, and what was repaired or why it was left out.
-    """
-    groups: dict[str, dict[str, str]] = {
-        "Versions and inputs": {},
-        "Settings": {},
-        "Circles of the base domain": {},
-    }
-    for name, value in facts.items():
-        kind, _, rest = name.partition(" ")
-        if kind == "settings:":
-            groups["Settings"][rest] = value
-        elif kind == "circle":
-            groups["Circles of the base domain"][rest] = value
-        else:
-            groups["Versions and inputs"][name] = value
-    tables = [
-        Table(title, ("name", "value"), tuple(group.items()))
-        for title, group in groups.items()
-        if group
-    ]
-    if notes:
-        tables.append(Table("Repairs and shapes left out", ("shape", "what"), tuple(notes)))
-    return Section("run", "What was run", (), (), tuple(tables))
-
-
 def _panels(
-    view: StateView, states: Sequence[EmbeddingState], with_controls: bool
+    view: StateView,
+    states: Sequence[EmbeddingState],
+    names: Mapping[str, str],
+    otherwise: str | None = None,
 ) -> list[MapPanel]:
     component = view.embedding.component
     own = component.face_part == component.parts.index(view.part)
@@ -178,23 +149,39 @@ def _panels(
         if (local[curve] >= 0).all()
     ]
     panels = []
-    for number, state in enumerate(states):
+    for state in states:
         directions = _away_from_pole(np.asarray(state.directions, dtype=np.float64))
-        is_last = with_controls and number == len(states) - 1
-        controls = view.controls if is_last else np.empty((0, 3))
-        seen = stereographic_view(view.sphere, view.part, controls) if len(controls) else controls
-        near = np.linalg.norm(seen, axis=1) < 1.0 + 1e-6 if len(seen) else np.empty(0, bool)
         panels.append(
             MapPanel(
-                STATE_NAMES.get(state.name, state.name),
+                names.get(state.name, otherwise or state.name),
                 stereographic_view(view.sphere, view.part, directions[used]),
                 local[faces],
                 exact_orientations(directions, faces) <= 0,
                 tuple(curves),
-                seen[near, :2] if len(seen) else np.empty((0, 2)),
+                NO_POINTS,
+                NO_POINTS,
             )
         )
     return panels
+
+
+def _control_panel(view: StateView, panel: MapPanel) -> MapPanel:
+    """The map with the control points of its part."""
+    return replace(
+        panel,
+        title="control points",
+        controls=_seen_controls(view, view.interior),
+        boundary_controls=_seen_controls(view, view.boundary),
+        says_flips=False,
+    )
+
+
+def _seen_controls(view: StateView, controls: FloatArray) -> FloatArray:
+    if not len(controls):
+        return NO_POINTS
+    seen = stereographic_view(view.sphere, view.part, controls)
+    on_part: FloatArray = seen[np.linalg.norm(seen, axis=1) < 1.0 + 1e-6, :2]
+    return on_part
 
 
 def _around_openings(panel: MapPanel) -> FloatArray | None:
@@ -219,44 +206,73 @@ def _away_from_pole(directions: FloatArray) -> FloatArray:
     return away
 
 
-def _distortion_picture(shapes: Sequence[ShapeMaps]) -> Picture:
-    names = [embedding.component.name for embedding in shapes[0].embeddings]
-    columns = list(zip(*(shape.embeddings for shape in shapes), strict=True))
+def _distortion_picture(shapes: Sequence[MapRecord]) -> Picture:
+    columns = list(zip(*(shape.components for shape in shapes), strict=True))
     return Picture(
         "distortion",
         distortion_figure(
-            [np.array([e.distortion.angle_median for e in column]) for column in columns],
-            [
-                np.array([[e.distortion.area_p01, e.distortion.area_p99] for e in column])
-                for column in columns
-            ],
-            names,
+            [np.array([record.angles for record in column]) for column in columns],
+            [np.array([record.areas for record in column]) for column in columns],
+            [column[0].name for column in columns],
         ),
-        "Angle and area distortion of the maps of all shapes; both are 1 without distortion.",
-        "A histogram of the median angle distortion and the range of area distortion per shape.",
+        "Angle and area distortion over the surface, mean over the shapes; the band holds 90 % of "
+        "the shapes. Both are 1 without distortion; the first and last bins hold what lies beyond.",
+        "Two histograms: ratio of the singular values of the map, and area share of the sphere "
+        "over area share of the surface.",
     )
 
 
-def _quality_table(shapes: Sequence[ShapeMaps]) -> Table:
+def _seam_picture(shapes: Sequence[MapRecord], kinks: Mapping[Seam, SeamKink]) -> Picture:
+    jumps, floors, both = {}, {}, {}
+    for seam, number in _seams_of(shapes).items():
+        records = [shape.components[number] for shape in shapes]
+        name = f"{seam.first} = {seam.second}"
+        jumps[name] = np.array([record.jumps[seam] for record in records])
+        measured = [record.distortion.seam_jump[seam] for record in records]
+        floors[name] = float(np.mean([jump.floor_mean for jump in measured]))
+        both[name] = (np.array([jump.kink for jump in measured]), kinks[seam].kink)
+    return Picture(
+        "seams",
+        seam_figure(jumps, floors, both),
+        "The kink across the seams. Left: relative jump of the derivative across the seam, over "
+        "the length of the seam, mean over the shapes with the band that holds 90 % of them; the "
+        "dashed line is the jump beside the seam, which the meshes cause. Right: ratio of the "
+        "derivatives on the two sides, one dot per shape, the bar their mean; the model is smooth "
+        "(G1) across the seam where the dots agree.",
+        "A histogram of the jump along the seam, and dots of the mean kink of every shape as "
+        "mapped and after the warps.",
+    )
+
+
+def _seams_of(shapes: Sequence[MapRecord]) -> dict[Seam, int]:
+    """The seams, with the number of the component that each is in."""
+    return {
+        seam: number
+        for number, record in enumerate(shapes[0].components)
+        for seam in record.distortion.seam_jump
+    }
+
+
+def _quality_table(shapes: Sequence[MapRecord]) -> Table:
     rows = []
     for shape in shapes:
-        for embedding in shape.embeddings:
-            certificate, distortion = embedding.certificate, embedding.distortion
+        for record in shape.components:
+            certificate, distortion = record.certificate, record.distortion
             twist = max((abs(angle) for angle in certificate.twist.values()), default=0.0)
             rows.append(
                 (
                     distortion.angle_mean,
                     (
                         shape.label,
-                        embedding.component.name,
-                        str(len(embedding.component.vertices)),
+                        record.name,
+                        str(record.vertices),
                         f"{certificate.flipped} + {certificate.degenerate}",
                         f"{distortion.angle_mean:.2f}",
                         f"{distortion.angle_p99:.1f}",
                         f"{distortion.area_p01:.2f} to {distortion.area_p99:.2f}",
                         f"{np.degrees(twist):.0f}",
                         f"{max(distortion.circle_ratio.values(), default=1.0):.1f}",
-                        f"{embedding.seconds:.2f}",
+                        f"{record.seconds:.2f}",
                     ),
                 )
             )
@@ -279,17 +295,10 @@ def _quality_table(shapes: Sequence[ShapeMaps]) -> Table:
     )
 
 
-def _seam_tables(shapes: Sequence[ShapeMaps]) -> list[Table]:
-    seams = [
-        (number, seam)
-        for number, embedding in enumerate(shapes[0].embeddings)
-        for seam in embedding.distortion.seam_jump
-    ]
-    if not seams:
-        return []
+def _seam_tables(shapes: Sequence[MapRecord], kinks: Mapping[Seam, SeamKink]) -> list[Table]:
     rows = []
-    for number, seam in seams:
-        jumps = [shape.embeddings[number].distortion.seam_jump[seam] for shape in shapes]
+    for seam, number in _seams_of(shapes).items():
+        jumps = [shape.components[number].distortion.seam_jump[seam] for shape in shapes]
         means = np.array([jump.mean for jump in jumps])
         rows.append(
             (
@@ -297,10 +306,13 @@ def _seam_tables(shapes: Sequence[ShapeMaps]) -> list[Table]:
                 f"{means.mean():.3f} (sd {means.std():.3f}, worst {means.max():.3f})",
                 f"{np.mean([jump.p95 for jump in jumps]):.3f}",
                 f"{np.mean([jump.floor_mean for jump in jumps]):.3f}",
-                f"{np.std([jump.kink for jump in jumps]):.4f}",
-                f"{np.degrees(np.std([jump.shear for jump in jumps])):.2f}",
+                f"{np.std([jump.kink for jump in jumps]):.4f} / {kinks[seam].kink.std():.4f}",
+                f"{np.degrees(np.std([jump.shear for jump in jumps])):.2f} / "
+                f"{np.degrees(kinks[seam].shear.std()):.2f}",
             )
         )
+    if not rows:
+        return []
     return [
         Table(
             "Continuity of the tangent across seams: relative jump of the co-normal derivative",
@@ -308,9 +320,9 @@ def _seam_tables(shapes: Sequence[ShapeMaps]) -> list[Table]:
                 "seam",
                 "jump, mean over shapes",
                 "95 % along the seam",
-                "floor of the mesh",
-                "sd of the kink between shapes",
-                "sd of the shear (deg)",
+                "floor of the meshes",
+                "sd of the kink between shapes, mapped / warped",
+                "sd of the shear (deg), mapped / warped",
             ),
             tuple(rows),
         )

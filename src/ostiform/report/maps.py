@@ -1,7 +1,7 @@
 """Pictures of maps to the sphere: stereographic views with flipped triangles (HY Fig. 2)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,22 +9,19 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.report.raster import rasterised
 from ostiform.report.shading import draw_raster
 from ostiform.report.style import (
     FLIPPED,
-    PART_COLOURS,
     PRINT_DPI,
-    figure,
     grid_of_panels,
     plain_figure,
     styled,
 )
 
-__all__ = ["MapPanel", "distortion_figure", "map_figure"]
+__all__ = ["MapPanel", "map_figure"]
 
 WIDEST = 3.0  # radius of the disc shown, times the 98 % radius of the opening's neighbourhood
 PANEL_MM = 40.0
@@ -50,7 +47,11 @@ class MapPanel:
     curves : tuple of (n,) int64
         Rims and seams, vertex indices in order.
     controls : (C, 2) float64
-        Control points, empty where there are none.
+        Control points in the interior, empty where there are none.
+    boundary_controls : (B, 2) float64
+        Control points on openings and seams.
+    says_flips : bool
+        Whether the title counts the triangles that are turned over.
     """
 
     title: str
@@ -59,6 +60,8 @@ class MapPanel:
     flipped: BoolArray
     curves: tuple[IntArray, ...]
     controls: FloatArray
+    boundary_controls: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    says_flips: bool = True
 
 
 def map_figure(panels: Sequence[MapPanel], zoom: FloatArray | None = None) -> Figure:
@@ -80,55 +83,14 @@ def map_figure(panels: Sequence[MapPanel], zoom: FloatArray | None = None) -> Fi
             reach = _reach(panel)
             _draw_map(grid[0][column], panel, np.array([-reach, reach, -reach, reach]))
             flips = int(panel.flipped.sum())
-            grid[0][column].set_title(f"{panel.title}\n{flips} turned over", pad=3.0)
+            second = f"{flips} turned over" if panel.says_flips else _counted(panel)
+            grid[0][column].set_title(f"{panel.title}\n{second}", pad=3.0)
             if zoom is not None:
                 x, y, radius = zoom
                 window = np.array([x - radius, x + radius, y - radius, y + radius])
                 _draw_map(grid[1][column], panel, window)
                 _frame(grid[0][column], window, linestyle="--")
                 _frame(grid[1][column], window, linestyle="-")
-    return drawing
-
-
-def distortion_figure(
-    angle: Sequence[FloatArray], area: Sequence[FloatArray], labels: Sequence[str]
-) -> Figure:
-    """Draw the distributions over shapes of angle and area distortion.
-
-    Parameters
-    ----------
-    angle : per label, (N,) float64
-        Median ratio of singular values of each shape's map.
-    area : per label, (N, 2) float64
-        1st and 99th percentile of the area share ratio.
-    labels : sequence of str
-        Component names.
-    """
-    with styled():
-        drawing = figure(170.0, 62.0)
-        left, right = drawing.subplots(1, 2)
-        edges = np.histogram_bin_edges(np.concatenate([*angle]), bins=12)
-        start = 0
-        for index, label in enumerate(labels):
-            colour = PART_COLOURS[index % len(PART_COLOURS)]
-            left.hist(angle[index], bins=edges.tolist(), color=colour, alpha=0.7, label=label)
-            order = start + np.arange(1, len(area[index]) + 1)
-            right.vlines(order, area[index][:, 0], area[index][:, 1], color=colour, linewidth=2.0)
-            start += len(area[index])
-        left.set_title("Angles")
-        left.set_xlabel("median σ₁/σ₂ of a map")
-        left.set_ylabel("maps")
-        left.yaxis.set_major_locator(MaxNLocator(integer=True))
-        right.set_title("Areas")
-        right.set_yscale("log")
-        right.axhline(1.0, color="#54626f", linewidth=0.8)
-        right.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        right.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        right.yaxis.set_minor_formatter(NullFormatter())
-        right.set_xlabel("map, in the order of the study")
-        right.set_ylabel("share of the sphere / of the surface,\n1 % to 99 % of the triangles")
-        if len(labels) > 1:
-            drawing.legend(loc="outside upper center", ncols=len(labels))
     return drawing
 
 
@@ -145,8 +107,25 @@ def _draw_map(axes: Axes, panel: MapPanel, window: FloatArray) -> None:
     draw_raster(axes, picture)
     loops = [panel.points[np.append(curve, curve[0])] for curve in panel.curves]
     axes.add_collection(LineCollection(loops, colors="#0072B2", linewidths=1.0))
-    if len(panel.controls):
-        axes.scatter(panel.controls[:, 0], panel.controls[:, 1], s=5, color="#000000", zorder=3)
+    for points, marker, face in (
+        (panel.controls, "o", "#000000"),
+        (panel.boundary_controls, "s", "#ffffff"),
+    ):
+        if len(points):
+            axes.scatter(
+                points[:, 0],
+                points[:, 1],
+                s=5,
+                marker=marker,
+                facecolor=face,
+                edgecolor="#000000",
+                linewidth=0.6,
+                zorder=3,
+            )
+
+
+def _counted(panel: MapPanel) -> str:
+    return f"{len(panel.controls)} inside, {len(panel.boundary_controls)} on curves"
 
 
 def _reach(panel: MapPanel) -> float:

@@ -1,4 +1,4 @@
-"""Pictures of the mean shape and of the modes of variation (HY Fig. 3)."""
+"""Pictures of the modes of variation (HY Fig. 3), and from where a model is seen."""
 
 from collections.abc import Sequence
 
@@ -10,18 +10,17 @@ from ostiform.model import ShapeModel
 from ostiform.report.shading import (
     View,
     draw_raster,
+    draw_scale_bar,
     draw_visible_curves,
     shaded_surface,
     two_views,
 )
 from ostiform.report.style import PRINT_DPI, grid_of_panels, part_colours, plain_figure, styled
 
-__all__ = ["model_views", "modes_figure", "shapes_figure"]
+__all__ = ["extents_of", "model_views", "modes_figure"]
 
 PANEL_MM = 36.0
 TITLE_MM = 6.0
-EXTREME_TITLE_MM = 16.0
-TITLE_GAP_MM = 8.0
 TALLEST = 1.6
 """Height of a panel against its width, at most."""
 
@@ -59,7 +58,7 @@ def modes_figure(
     colours = part_colours(model.mesh.face_part)
     scale = float(np.sqrt(model.variances[mode]))
     shapes = [model.mean + sd * scale * model.modes[mode] for sd in deviations]
-    extents = _extents(views, shapes)
+    extents = extents_of(views, shapes)
     sides = extents[:, 1::2] - extents[:, ::2]  # (views, 2): all panels have the same scale
     height = PANEL_MM * float(sides[0, 1] / sides[0, 0])
     with styled():
@@ -74,39 +73,10 @@ def modes_figure(
                 draw_raster(axes, picture)
                 loops = [points[loop] for loop in model.mesh.loops.values()]
                 draw_visible_curves(axes, picture, view, loops, "#1b2733")
+                if column == 0 and row == len(views) - 1:
+                    draw_scale_bar(axes, extents[row])
                 if row == 0:
                     axes.set_title("mean" if sd == 0 else f"{_signed(sd)} sd", pad=2.0)
-    return drawing
-
-
-def shapes_figure(model: ShapeModel, shapes: FloatArray, titles: Sequence[str]) -> Figure:
-    """Draw a few shapes side by side, from the front.
-
-    Parameters
-    ----------
-    model : ShapeModel
-        Gives the mesh and the view.
-    shapes : (n, P, 3) float64, mm
-        In the model's frame, at least one.
-    titles : sequence of str, n
-    """
-    view = model_views(model)[0]
-    colours = part_colours(model.mesh.face_part)
-    extent = _extents((view,), list(shapes))[0]
-    height = PANEL_MM * float((extent[3] - extent[2]) / (extent[1] - extent[0]))
-    size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
-    cell = PANEL_MM + TITLE_GAP_MM
-    with styled():
-        drawing = plain_figure(cell * len(titles), height + TITLE_GAP_MM + EXTREME_TITLE_MM)
-        grid = grid_of_panels(
-            drawing, 1, len(titles), PANEL_MM, height, EXTREME_TITLE_MM, TITLE_GAP_MM
-        )
-        for axes, points, title in zip(grid[0], shapes, titles, strict=True):
-            picture = shaded_surface(view, points, model.mesh.faces, colours, extent, size)
-            draw_raster(axes, picture)
-            loops = [points[loop] for loop in model.mesh.loops.values()]
-            draw_visible_curves(axes, picture, view, loops, "#1b2733")
-            axes.set_title(title, pad=2.0, fontsize=8)
     return drawing
 
 
@@ -122,8 +92,14 @@ def _perimeter(loop: FloatArray) -> float:
     return float(np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1).sum())
 
 
-def _extents(views: tuple[View, ...], shapes: list[FloatArray]) -> FloatArray:
-    """Return left, right, bottom, top (views, 4) of equal size that hold all shapes."""
+def extents_of(views: Sequence[View], shapes: Sequence[FloatArray]) -> FloatArray:
+    """Return left, right, bottom, top (views, 4) of equal size that hold all shapes.
+
+    Parameters
+    ----------
+    views : sequence of View
+    shapes : sequence of (n, 3) float64, mm
+    """
     boxes = []
     for view in views:
         seen = np.vstack([view.seen(points)[:, :2] for points in shapes])

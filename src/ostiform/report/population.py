@@ -13,11 +13,10 @@ from ostiform.model import (
     StoredModel,
     between_share,
     phase_prediction,
-    reconstruct,
 )
 from ostiform.report.curves import convergence_figure, scores_figure
 from ostiform.report.html import Picture, Section, Table
-from ostiform.report.modes import modes_figure, shapes_figure
+from ostiform.report.modes import modes_figure
 from ostiform.report.style import percent
 
 __all__ = ["correspondence_section", "modes_section", "scores_section", "template_section"]
@@ -51,9 +50,7 @@ def modes_section(model: ShapeModel) -> Section:
     )
 
 
-def scores_section(
-    stored: StoredModel, dynamic: DynamicModel | None, evaluation: Evaluation
-) -> Section:
+def scores_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section:
     """Return where the shapes lie in the space of the first modes, and who varies how much.
 
     Parameters
@@ -61,8 +58,6 @@ def scores_section(
     stored : StoredModel
     dynamic : DynamicModel or None
         Of the same shapes; None where no subject has several phases.
-    evaluation : Evaluation
-        Of the model; says which shapes to look at.
     """
     model = stored.model
     subjects = [shape.subject for shape in stored.ids]
@@ -71,47 +66,22 @@ def scores_section(
     share = model.variances / model.total_variance
     return Section(
         "scores",
-        "The shapes in the model",
+        "Scores of the shapes",
         () if dynamic is None else _sources(dynamic),
         (
             Picture(
                 "scores",
                 scores_figure(standard, subjects, times, share),
-                "Scores of the first two modes; the phases of a subject are joined in order of "
-                "time, so that each loop is a cycle.",
-                "Scatter of the shapes, one closed line per subject.",
+                "Scores of the first two modes"
+                + (
+                    "."
+                    if dynamic is None
+                    else "; the phases of a subject are joined in order of time, so that each "
+                    "loop is a cycle."
+                ),
+                "Scatter of the shapes, one closed line per subject with several phases.",
             ),
-            _extremes(stored, evaluation),
         ),
-    )
-
-
-def _extremes(stored: StoredModel, evaluation: Evaluation) -> Picture:
-    """The shapes that stand out, each once, with what they stand out by."""
-    standard = stored.scores / np.sqrt(
-        np.maximum(stored.model.variances, np.finfo(np.float64).tiny)
-    )
-    measures = {
-        "furthest from the mean": (stored.scores**2).sum(axis=1),
-        "most unusual": (standard[:, : evaluation.compactness.modes_for(0.95)] ** 2).sum(axis=1),
-        "covered worst": np.array([item.relative_maximum for item in evaluation.coverage]),
-    }
-    if evaluation.generalisation is not None:
-        some = evaluation.generalisation.mode_counts > 0
-        residues = evaluation.generalisation.surface_mean[:, some].mean(axis=1)
-        measures["left-out residue largest"] = residues
-    reasons: dict[int, list[str]] = {}
-    for reason, values in measures.items():
-        reasons.setdefault(int(np.argmax(values)), []).append(reason)
-    shown = list(reasons)
-    titles = ["\n".join([str(stored.ids[i]), *reasons[i]]) for i in shown]
-    return Picture(
-        "extremes",
-        shapes_figure(stored.model, reconstruct(stored.model, stored.scores[shown]), titles),
-        "The shapes to look at first. Furthest from the mean: by the RMS distance of the points; "
-        "most unusual: by the standard deviations of the modes that carry 95 % of the variance.",
-        "Shaded surfaces of single shapes, each with what it stands out by.",
-        is_vector=False,
     )
 
 
@@ -200,8 +170,9 @@ def correspondence_section(
                     levels[finer],
                     "description length + penalty",
                 ),
-                "Objective after every sweep over all shapes, against processor time; level 1 "
-                "minimises another objective and is not drawn.",
+                "Objective after every sweep over all shapes, against processor time. Compare it "
+                "within a level only: each level has its own points. Level 1 minimises another "
+                "objective and is not drawn.",
                 "Falling curves, one per level.",
             )
         )
@@ -221,5 +192,5 @@ def correspondence_section(
             "(the paper ends with 10, those on the boundaries not counted).",
         ),
         tuple(pictures),
-        (Table("How each level ended", ("level", "sweeps", "ended because"), rows),),
+        (Table("How each level ended", ("level", "sweeps", "ended because"), rows, texts=(2,)),),
     )

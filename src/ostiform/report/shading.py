@@ -10,7 +10,15 @@ from matplotlib.collections import LineCollection
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.report.raster import Raster, rasterised
 
-__all__ = ["View", "draw_raster", "draw_visible_curves", "shaded_surface", "two_views"]
+__all__ = [
+    "AMBIENT",
+    "View",
+    "draw_raster",
+    "draw_scale_bar",
+    "draw_visible_curves",
+    "shaded_surface",
+    "two_views",
+]
 
 AMBIENT = 0.42
 INSIDE = 0.55
@@ -75,6 +83,7 @@ def shaded_surface(
     colours: FloatArray,
     extent: FloatArray,
     size: tuple[int, int],
+    ambient: float = AMBIENT,
 ) -> Raster:
     """Return a shaded picture of a surface.
 
@@ -84,12 +93,14 @@ def shaded_surface(
     vertices : (V, 3) float64
     faces : (F, 3) int64
         Counter-clockwise seen from outside.
-    colours : (F, 3) float64
-        Red, green, blue in [0, 1] of every triangle.
+    colours : (F, 3) or (F, 3, 3) float64
+        Red, green, blue in [0, 1] of every triangle, or of each of its corners.
     extent : (4,) float64
         Left, right, bottom, top in view coordinates.
     size : (int, int)
         Width and height in pixels.
+    ambient : float
+        Brightness in [0, 1] of what faces away from the light.
     """
     seen = view.seen(vertices)
     corners = seen[faces]  # (F, 3 corners, 3)
@@ -105,9 +116,10 @@ def shaded_surface(
     light = LIGHT / np.linalg.norm(LIGHT)
     inside = spanned[:, 2] < 0  # (F,)
     towards = (normals @ light)[faces] * np.where(inside, -1.0, 1.0)[:, None]  # (F, 3 corners)
-    brightness = AMBIENT + (1.0 - AMBIENT) * np.clip(towards, 0.0, 1.0)
+    brightness = ambient + (1.0 - ambient) * np.clip(towards, 0.0, 1.0)
     brightness = np.where(inside[:, None], INSIDE * brightness, brightness)
-    return rasterised(corners, colours[:, None, :] * brightness[:, :, None], extent, size)
+    corner_colours = colours if colours.ndim == 3 else colours[:, None, :]
+    return rasterised(corners, corner_colours * brightness[:, :, None], extent, size)
 
 
 def draw_raster(axes: Axes, picture: Raster) -> None:
@@ -119,6 +131,32 @@ def draw_raster(axes: Axes, picture: Raster) -> None:
     )
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
+
+
+def draw_scale_bar(axes: Axes, extent: FloatArray) -> None:
+    """Draw a bar of a round number of millimetres into the lower left corner of a picture.
+
+    Parameters
+    ----------
+    axes : Axes
+        Coordinates are millimetres.
+    extent : (4,) float64, mm
+        Left, right, bottom and top edge of the picture.
+    """
+    left, right, bottom, top = extent
+    widest = 0.3 * (right - left)
+    decade = 10.0 ** np.floor(np.log10(widest))
+    length = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= widest)
+    x, y = left + 0.03 * (right - left), bottom + 0.02 * (top - bottom)
+    axes.plot([x, x + length], [y, y], color="#1b2733", linewidth=1.5, solid_capstyle="butt")
+    axes.text(
+        x + 0.5 * length,
+        y + 0.01 * (top - bottom),
+        f"{length:g} mm",
+        ha="center",
+        va="bottom",
+        fontsize=7,
+    )
 
 
 def draw_visible_curves(

@@ -26,6 +26,7 @@ __all__ = [
     "part_colours",
     "percent",
     "plain_figure",
+    "shortened",
     "styled",
 ]
 
@@ -95,20 +96,22 @@ def grid_of_panels(
     height_mm: float,
     title_mm: float,
     gap_mm: float = 0.0,
+    bottom_mm: float = 0.0,
 ) -> list[list[Axes]]:
     """Return axes of ``width_mm`` by ``height_mm`` that tile a figure, below a strip for titles.
 
     The figure must be ``columns * (width_mm + gap_mm)`` wide and
-    ``rows * (height_mm + gap_mm) + title_mm`` high; half of the gap is on each side of the axes.
+    ``rows * (height_mm + gap_mm) + title_mm + bottom_mm`` high; half of the gap is on each side of
+    the axes, and a strip of ``bottom_mm`` stays free below them.
     """
     wide = columns * (width_mm + gap_mm)
-    high = rows * (height_mm + gap_mm) + title_mm
+    high = rows * (height_mm + gap_mm) + title_mm + bottom_mm
     return [
         [
             drawing.add_axes(
                 (
                     (column * (width_mm + gap_mm) + 0.5 * gap_mm) / wide,
-                    ((rows - 1 - row) * (height_mm + gap_mm) + 0.5 * gap_mm) / high,
+                    (bottom_mm + (rows - 1 - row) * (height_mm + gap_mm) + 0.5 * gap_mm) / high,
                     width_mm / wide,
                     height_mm / high,
                 )
@@ -124,6 +127,11 @@ def part_colours(face_part: IntArray) -> FloatArray:
     palette = np.array([to_rgb(colour) for colour in PART_COLOURS])
     chosen: FloatArray = palette[face_part % len(palette)]
     return chosen
+
+
+def shortened(name: str, length: int = 26) -> str:
+    """Return a name cut to a number of characters, for legends and titles; tables have it whole."""
+    return name if len(name) <= length else f"{name[: length - 1]}\N{HORIZONTAL ELLIPSIS}"
 
 
 def percent(share: float) -> str:

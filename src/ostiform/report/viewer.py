@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.evaluation import PointResidues
 from ostiform.model import (
     DynamicModel,
     ShapeModel,
@@ -21,17 +22,18 @@ from ostiform.model import (
     resampled_cycle,
     truncated,
 )
-from ostiform.report.html import Section
+from ostiform.report.html import Picture, Section
 from ostiform.report.modes import model_views
+from ostiform.report.points import PointColumn, points_figure
 from ostiform.report.style import PART_COLOURS
 
-__all__ = ["viewer_data", "viewer_section"]
+__all__ = ["point_spread", "viewer_data", "viewer_section"]
 
 SLIDERS = 6
 FRAMES = 24
 """Shapes per cycle; the viewer interpolates between them."""
 
-BUDGET = 4_000_000
+BUDGET = 3_000_000
 """Characters of the page that the modes may take; later modes are left out."""
 
 CHARACTERS_PER_POINT = 8
@@ -39,9 +41,15 @@ CHARACTERS_PER_POINT = 8
 
 LARGEST_INTEGER = 32767
 SUBJECTS_WITH_CYCLES = 30
+MOST_SHAPES = 200
+"""Training shapes that the page carries; the viewer says where there are more."""
+
+ERROR_QUANTILE = 0.99
 
 
-def viewer_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section:
+def viewer_section(
+    stored: StoredModel, dynamic: DynamicModel | None, residues: PointResidues | None
+) -> Section:
     """Return the section with the interactive viewer.
 
     Parameters
@@ -49,6 +57,8 @@ def viewer_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section
     stored : StoredModel
     dynamic : DynamicModel or None
         Of the same shapes; None where no subject has several phases.
+    residues : PointResidues or None
+        Of the same shapes, where some could be left out.
     """
     cycles = "" if dynamic is None else " Play the cycle of the mean or of one subject."
     return Section(
@@ -58,17 +68,57 @@ def viewer_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section
             "Drag to turn, scroll to zoom; with the keyboard: arrow keys, + and -, 0 for the first "
             f"view. Move the sliders to combine modes.{cycles}",
         ),
-        viewer=viewer_data(stored, dynamic),
+        (_points_picture(stored.model, dynamic, residues),),
+        viewer=viewer_data(stored, dynamic, residues),
+        fallback="modes",
     )
 
 
-def viewer_data(stored: StoredModel, dynamic: DynamicModel | None) -> str:
+def _points_picture(
+    model: ShapeModel, dynamic: DynamicModel | None, residues: PointResidues | None
+) -> Picture:
+    spreads = {"sd, all shapes": point_spread(model)}
+    if dynamic is not None:
+        spreads["sd between subjects"] = point_spread(dynamic.between)
+        spreads["sd of the motion"] = point_spread(dynamic.within)
+    largest = max(float(values.max()) for values in spreads.values())
+    columns = [PointColumn(title, values, largest) for title, values in spreads.items()]
+    error = ""
+    if residues is not None:
+        top = float(np.quantile(residues.rms, ERROR_QUANTILE))
+        columns.append(PointColumn("left-out error, RMS", residues.rms, top))
+        error = (
+            " The left-out error is the distance of a point from its reconstruction with "
+            f"up to {residues.modes} modes of a model built without the shape, its correspondence "
+            "kept; its scale ends at the 99th percentile."
+        )
+    return Picture(
+        "points",
+        points_figure(model, columns),
+        "The mean shape from two sides, coloured by the standard deviation of its points"
+        f"{' and by where the model errs' if error else ''}.{error}",
+        "The mean shape in two rows, one column for each quantity of its points.",
+        is_vector=False,
+    )
+
+
+def point_spread(model: ShapeModel) -> FloatArray:
+    """Return the standard deviation (P,) in mm of every point, from all modes of a model."""
+    spread: FloatArray = np.sqrt(np.einsum("k,kpd->p", model.variances, model.modes**2))
+    return spread
+
+
+def viewer_data(
+    stored: StoredModel, dynamic: DynamicModel | None, residues: PointResidues | None
+) -> str:
     """Return what the viewer shows, as JSON.
 
     Parameters
     ----------
     stored : StoredModel
     dynamic : DynamicModel or None
+        Of the same shapes.
+    residues : PointResidues or None
         Of the same shapes.
     """
     full = stored.model
@@ -98,8 +148,14 @@ def viewer_data(stored: StoredModel, dynamic: DynamicModel | None) -> str:
         "sets": _mode_sets(basis, full.total_variance, dynamic),
         "shapes": [
             {"subject": id.subject, "phase": id.phase, "scores": _rounded(scores)}
-            for id, scores in zip(stored.ids, stored.scores[:, :count] / deviations, strict=True)
+            for id, scores in zip(
+                stored.ids[:MOST_SHAPES],
+                stored.scores[:MOST_SHAPES, :count] / deviations,
+                strict=True,
+            )
         ],
+        "shape_count": len(stored.ids),
+        "error": None if residues is None else _quantised(residues.rms),
         "cycles": [] if dynamic is None else _cycles(basis, dynamic),
         "left_out_share": round(basis.residual_variance / full.total_variance, 6),
     }
@@ -131,14 +187,12 @@ def _mode_sets(
             }
             for k in range(min(SLIDERS, len(model.modes)))
         ]
-        # Standard deviation of every point, from all modes and not only those with a slider.
-        spread = np.sqrt(np.einsum("k,kpd->p", model.variances, model.modes**2))
         sets.append(
             {
                 "label": label,
                 "mean": _coefficients(basis, model.mean),
                 "modes": modes,
-                "spread": _quantised(spread),
+                "spread": _quantised(point_spread(model)),
             }
         )
     return sets

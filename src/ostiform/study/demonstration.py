@@ -177,5 +177,7 @@ def _study_text(anatomy: Anatomy, rims: Mapping[str, list[FloatArray]]) -> str:
         point = ", ".join(f"{value:.1f}" for value in np.mean(centroids, axis=0))
         lines.append(f'"{name}" = [{point}]')
     lines += ["", "[alignment]", 'mode = "rigid"', 'per = "subject"']
-    lines += ["", "[evaluation]", 'truth = "truth/truth.json"', ""]
+    lines += ["", "[evaluation]", 'truth = "truth/truth.json"']
+    lines += ["", "[report]", f'title = "Generated {" and ".join(anatomy.seeds)}: a demonstration"']
+    lines.append("")
     return "\n".join(lines)

@@ -1,14 +1,17 @@
 """From label maps to the meshes of the parts; parts that touch are given one common rim."""
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from scipy import ndimage
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.errors import InputError
-from ostiform.study.labelmaps import LabelMap, read_label_map
+from ostiform.errors import InputError, TopologyError
+from ostiform.study.labelmaps import LabelMap, label_mask, read_label_map
 from ostiform.study.markups import Cut, cut_heights
+from ostiform.study.parts import handle_sentence
 from ostiform.study.settings import StudySettings
 from ostiform.surface import (
     RawMesh,
@@ -18,14 +21,26 @@ from ostiform.surface import (
     connected_components,
     enclosed_volume,
     face_areas,
+    genus,
     isotropic_remeshed,
+    split_ostium_name,
     without_unreferenced,
 )
 from ostiform.surface.cutting import cut_along_zero, parted_at
-from ostiform.surface.extraction import LevelField, level_field, level_surface, level_values
-from ostiform.surface.topology import graph_labels, unique_edges
+from ostiform.surface.extraction import (
+    LevelField,
+    kept_apart,
+    level_field,
+    level_surface,
+    level_values,
+)
+from ostiform.surface.fans import face_fans
+from ostiform.surface.repair import MendedMesh
+from ostiform.surface.topology import graph_labels, non_manifold_vertices, unique_edges
 
 __all__ = ["label_meshes", "remeshed_at", "without_islands"]
+
+_MOST_ROUNDS = 10
 
 _DEFAULT_EDGE_IN_VOXELS = 1.5
 """Default edge length in units of the finest voxel step."""
@@ -81,17 +96,20 @@ def remeshed_at(
 
 def _mask(settings: StudySettings, part: str, path: Path, label_map: LabelMap) -> BoolArray:
     values = settings.labels.values.get(part)
-    if values is None:
-        mask: BoolArray = label_map.labels != 0
+    wanted = (values,) if isinstance(values, int | str) else values
+    if wanted is None:
+        layers = (label_map.labels, *label_map.further)
+        mask: BoolArray = np.logical_or.reduce([layer != 0 for layer in layers])
     else:
-        mask = np.isin(label_map.labels, values)
+        try:
+            mask = label_mask(label_map, wanted)
+        except InputError as error:
+            raise InputError(f"{path}: part {part}: {error}") from None
     if not mask.any():
         present = np.unique(label_map.labels)
-        wanted = (
-            "voxels other than 0" if values is None else f"voxels of {np.ravel(values).tolist()}"
-        )
+        sought = "voxels other than 0" if wanted is None else f"voxels of {list(wanted)}"
         raise InputError(
-            f"{path}: expected {wanted} for the part {part}, found the labels "
+            f"{path}: expected {sought} for the part {part}, found the labels "
             f"{', '.join(map(str, present[:12].tolist()))}: check labels.values"
         )
     return mask
@@ -160,8 +178,11 @@ def _together(
     """
     parts = tuple(masks)
     union = np.logical_or.reduce([masks[part] for part in parts])
-    vertices, faces, notes = _outline(level_field(union, label_map.affine))
     fields = [level_field(masks[part], label_map.affine) for part in parts]
+    edge = _edge(label_map, edge_mm)
+    whole, apart = _with_gaps(level_field(union, label_map.affine), masks, fields, seams, edge)
+    vertices, faces, notes = _outline(whole)
+    notes = (*apart, *notes)
     if cut is not None:
         vertices, faces, owner = _divided(vertices, faces, fields, cut)
     else:
@@ -174,10 +195,14 @@ def _together(
             f"closed curve{'s' * (len(seams) > 1)}, found {len(borders)}: check the labels where "
             "they meet, or give each part a mesh of its own"
         )
+    if genus(faces):
+        found = handle_sentence(MendedMesh(vertices, faces, np.arange(len(faces)), ()))
+        raise TopologyError(
+            f"expected the labels of {' and '.join(parts)} to make one surface without handles, "
+            f"found {found}: check there for a hole through a label and for labels that touch"
+        )
     volume = enclosed_volume(vertices, faces)
-    fine = isotropic_remeshed(
-        vertices, faces, edge_mm=_edge(label_map, edge_mm), curves=borders, labels=owner
-    )
+    fine = isotropic_remeshed(vertices, faces, edge_mm=edge, curves=borders, labels=owner)
     positions = _with_volume(fine.vertices, fine.faces, volume)
     meshes = {}
     for k, part in enumerate(parts):
@@ -186,6 +211,38 @@ def _together(
             positions[kept], own, space="LPS", notes=(*_notes(masks[part]), *notes)
         )
     return meshes
+
+
+def _with_gaps(
+    whole: LevelField,
+    masks: Mapping[str, BoolArray],
+    fields: Sequence[LevelField],
+    seams: Sequence[Seam],
+    width: float,
+) -> tuple[LevelField, tuple[str, ...]]:
+    """Return the field of all parts with a gap between parts that touch but have no seam."""
+    parts = tuple(masks)
+    joined = {
+        frozenset(split_ostium_name(name)[0] for name in (seam.first, seam.second))
+        for seam in seams
+    }
+    notes = []
+    for i, j in combinations(range(len(parts)), 2):
+        one, two = parts[i], parts[j]
+        if {one, two} in joined or not _are_near(masks[one], masks[two]):
+            continue
+        others = [field for k, field in enumerate(fields) if k not in (i, j)]
+        whole = kept_apart(whole, fields[i], fields[j], others, width)
+        notes.append(
+            f"kept {one} and {two}, whose labels touch without a seam, {width:.3g} mm apart"
+        )
+    return whole, tuple(notes)
+
+
+def _are_near(one: BoolArray, two: BoolArray) -> bool:
+    """Return whether two labels have no more than one voxel between them."""
+    around = ndimage.binary_dilation(one, np.ones((3, 3, 3), dtype=np.bool_), iterations=2)
+    return bool((around & two).any())
 
 
 def _divided(
@@ -247,6 +304,8 @@ def _border(faces: IntArray, owner: IntArray, part: int) -> tuple[IntArray, ...]
 def without_islands(faces: IntArray, owner: IntArray, area: FloatArray) -> IntArray:
     """Give pieces of a part beside its largest to the part that surrounds them.
 
+    So are faces that hang on their part by one vertex only.
+
     Parameters
     ----------
     faces : (F, 3) int64
@@ -258,6 +317,33 @@ def without_islands(faces: IntArray, owner: IntArray, area: FloatArray) -> IntAr
     -------
     (F,) int64
     """
+    owner = owner.copy()
+    for _ in range(_MOST_ROUNDS):
+        owner = _without_pinches(faces, _without_small_pieces(faces, owner, area))
+        if not any(len(non_manifold_vertices(faces[owner == k])) for k in np.unique(owner)):
+            break
+    return _without_small_pieces(faces, owner, area)
+
+
+def _without_pinches(faces: IntArray, owner: IntArray) -> IntArray:
+    """Give the smaller fans of a part at a vertex that it touches twice to the other part there."""
+    owner = owner.copy()
+    for part in np.unique(owner).tolist():
+        for vertex in non_manifold_vertices(faces[owner == part]).tolist():
+            around = np.flatnonzero((faces == vertex).any(axis=1))
+            others = owner[around][owner[around] != part]
+            mine = np.flatnonzero(owner == part)
+            fans = face_fans(faces[mine], vertex)
+            if not len(others) or len(fans) < 2:
+                continue
+            largest = max(fans, key=len)
+            for fan in fans:
+                if fan is not largest:
+                    owner[mine[fan]] = np.bincount(others).argmax()
+    return owner
+
+
+def _without_small_pieces(faces: IntArray, owner: IntArray, area: FloatArray) -> IntArray:
     owner = owner.copy()
     _, edge, _ = unique_edges(faces)
     order = np.argsort(edge, kind="stable")

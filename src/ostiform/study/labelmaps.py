@@ -7,8 +7,8 @@ frame of its format (NIfTI: RAS; MetaImage: LPS; NRRD: as its header says).
 import gzip
 import re
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,17 @@ import numpy as np
 from nibabel.filebasedimages import ImageFileError
 from nibabel.spatialimages import HeaderDataError
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_floats,
+    frozen_ints,
+    frozen_mapping,
+)
 from ostiform.errors import InputError
 
-__all__ = ["LABEL_MAP_ENDINGS", "LabelMap", "is_label_map", "read_label_map"]
+__all__ = ["LABEL_MAP_ENDINGS", "LabelMap", "is_label_map", "label_mask", "read_label_map"]
 
 _LARGEST = 2_000_000_000
 """Voxels: a map beyond 1,250 cubed is a damaged header."""
@@ -54,14 +61,23 @@ class LabelMap:
     labels : (I, J, K) int64
     affine : (4, 4) float64
         From voxel indices (of centres) to mm in LPS (column vectors).
+    further : tuple of (I, J, K) int64
+        Further layers of a 3D Slicer segmentation whose segments overlap.
+    segments : mapping of str to tuple of int
+        Layer (0 for `labels`) and value of every segment by its name, where the file names them.
     """
 
     labels: IntArray
     affine: FloatArray
+    further: tuple[IntArray, ...] = ()
+    segments: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
         object.__setattr__(self, "labels", frozen_ints(self.labels, (None, None, None), "labels"))
+        further = tuple(frozen_ints(item, self.labels.shape, "labels") for item in self.further)
+        object.__setattr__(self, "further", further)
+        object.__setattr__(self, "segments", frozen_mapping(self.segments))
         object.__setattr__(self, "affine", frozen_floats(self.affine, (4, 4), "affine"))
         axes = self.affine[:3, :3]
         lengths = np.linalg.norm(axes, axis=0)
@@ -75,6 +91,37 @@ class LabelMap:
                 f"expected voxel axes at right angles, found a cosine of {cosines:.3g} between "
                 "two: resample the map without shear"
             )
+
+
+def label_mask(label_map: LabelMap, wanted: Sequence[int | str]) -> BoolArray:
+    """Return the voxels (I, J, K) that have one of some labels, given by value or segment name.
+
+    Raises
+    ------
+    InputError
+        If there is no segment of a name, or a value stands for different segments of two layers.
+    """
+    layers = (label_map.labels, *label_map.further)
+    mask = np.zeros(label_map.labels.shape, dtype=np.bool_)
+    for item in wanted:
+        if isinstance(item, str):
+            if item not in label_map.segments:
+                found = ", ".join(label_map.segments) or "none"
+                raise InputError(f'expected a segment named "{item}", found {found}')
+            layer, value = label_map.segments[item]
+            mask |= layers[layer] == value
+            continue
+        holding = [layer == item for layer in layers]
+        holding = [own for own in holding if own.any()]
+        if len(holding) > 1:
+            names = [name for name, (_, value) in label_map.segments.items() if value == item]
+            raise InputError(
+                f"expected the label {item} in one layer, found it in {len(holding)} "
+                f'({", ".join(names)}): name the segment in labels.values, as LV = "LV"'
+            )
+        for own in holding:
+            mask |= own
+    return mask
 
 
 def is_label_map(path: Path) -> bool:
@@ -102,8 +149,9 @@ def read_label_map(path: Path) -> LabelMap:
         raise InputError(f"{path}: expected a label map, found an empty file")
     try:
         with np.errstate(all="ignore"):
-            values, affine = _READERS[ending](path)
-            return LabelMap(_whole_numbers(_three_axes(values)), affine)
+            found = _READERS[ending](path)
+            layers = [_whole_numbers(_three_axes(values)) for values in found.layers]
+            return LabelMap(layers[0], found.affine, tuple(layers[1:]), found.segments)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (
@@ -115,7 +163,16 @@ def read_label_map(path: Path) -> LabelMap:
         ) from None
 
 
-def _read_nifti(path: Path) -> tuple[Any, FloatArray]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What a file holds: layers of voxels, the affine to LPS, and named segments."""
+
+    layers: Sequence[Any]
+    affine: FloatArray
+    segments: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+
+def _read_nifti(path: Path) -> _Found:
     image: Any = nibabel.load(path)
     header: Any = image.header
     if np.prod(np.array(image.shape, dtype=np.float64)) > _LARGEST:
@@ -123,10 +180,10 @@ def _read_nifti(path: Path) -> tuple[Any, FloatArray]:
     spatial = header.get_xyzt_units()[0]
     affine = np.array(image.affine, dtype=np.float64)
     affine[:3] *= _UNITS.get(spatial, 1.0)
-    return np.asanyarray(image.dataobj), np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine
+    return _Found([np.asanyarray(image.dataobj)], np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine)
 
 
-def _read_nrrd(path: Path) -> tuple[Any, FloatArray]:
+def _read_nrrd(path: Path) -> _Found:
     header = nrrd.read_header(str(path))
     sizes = np.array(header.get("sizes", [0]), dtype=np.float64)
     if sizes.prod() > _LARGEST:
@@ -140,19 +197,41 @@ def _read_nrrd(path: Path) -> tuple[Any, FloatArray]:
         raise InputError(
             f'expected a space of NRRD such as left-posterior-superior, found "{space}"'
         )
-    directions = np.array(header["space directions"], dtype=np.float64)
+    directions = np.array(
+        [[np.nan] * 3 if row is None else row for row in header["space directions"]],
+        dtype=np.float64,
+    )
+    has_layers = values.ndim == 4 and directions.shape == (4, 3) and np.isnan(directions[0]).all()
+    directions = directions[1:] if has_layers else directions
     if directions.shape != (3, 3) or not np.isfinite(directions).all():
         raise InputError(
-            "expected three space directions, found a file of other axes: save one label map, not "
-            "several layers"
+            "expected three space directions, found a file of other axes: save a label map or a "
+            "segmentation"
         )
     affine = np.eye(4)
     affine[:3, :3] = directions.T
     affine[:3, 3] = np.array(header.get("space origin", np.zeros(3)), dtype=np.float64)
-    return values, np.diag([*_NRRD_TO_LPS[space], 1.0]) @ affine
+    layers = list(values) if has_layers else [values]
+    segments = _segments(header)
+    if any(not 0 <= layer < len(layers) for layer, _ in segments.values()):
+        raise InputError(f"expected segments in {len(layers)} layers, found one in another layer")
+    return _Found(layers, np.diag([*_NRRD_TO_LPS[space], 1.0]) @ affine, segments)
 
 
-def _read_metaimage(path: Path) -> tuple[Any, FloatArray]:
+def _segments(header: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    """Return layer and value of the segments of a 3D Slicer segmentation, by name."""
+    segments = {}
+    for key, name in header.items():
+        found = re.fullmatch(r"Segment(\d+)_Name", str(key))
+        if found is None:
+            continue
+        layer = int(header.get(f"Segment{found[1]}_Layer", 0))
+        value = int(header.get(f"Segment{found[1]}_LabelValue", 1))
+        segments[str(name)] = (layer, value)
+    return segments
+
+
+def _read_metaimage(path: Path) -> _Found:
     content = path.read_bytes()
     fields, body = _meta_header(content)
     sizes = [int(word) for word in fields["DimSize"].split()]
@@ -182,7 +261,7 @@ def _read_metaimage(path: Path) -> tuple[Any, FloatArray]:
     # Row i of the file's matrix is the direction of axis i.
     affine[:3, :3] = _numbers(matrix, 9).reshape(3, 3).T * spacing
     affine[:3, 3] = _numbers(fields.get("Offset", fields.get("Position", "0 0 0")), 3)
-    return values, affine
+    return _Found([values], affine)
 
 
 def _meta_header(content: bytes) -> tuple[dict[str, str], bytes]:
@@ -241,7 +320,7 @@ def _whole_numbers(values: Any) -> IntArray:
     return labels
 
 
-_READERS: Mapping[str, Callable[[Path], tuple[Any, FloatArray]]] = {
+_READERS: Mapping[str, Callable[[Path], _Found]] = {
     ".nii": _read_nifti,
     ".nii.gz": _read_nifti,
     ".nrrd": _read_nrrd,

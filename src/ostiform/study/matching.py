@@ -137,26 +137,35 @@ def best_match(
     reference : Landmarks
         With all openings named.
     """
-    proper = _matched(survey, ostia, reference, mirrored=False)
-    mirror = _matched(survey, ostia, reference, mirrored=True)
-    if mirror.residual < _MIRRORED_BELOW * proper.residual:
-        return mirror
-    return proper
+    tree = cKDTree(reference.samples)
+    proper = _matched(survey, ostia, reference, tree, None)
+    limit = _MIRRORED_BELOW * proper.residual
+    mirror = _matched(survey, ostia, reference, tree, limit)
+    return mirror if mirror.residual < limit else proper
 
 
 def _matched(
-    survey: ShapeSurvey, ostia: Mapping[str, Sequence[str]], reference: Landmarks, mirrored: bool
+    survey: ShapeSurvey,
+    ostia: Mapping[str, Sequence[str]],
+    reference: Landmarks,
+    tree: cKDTree,
+    mirrored_below: float | None,
 ) -> Match:
+    """Match a shape, or its mirror image where that is of interest below a residual."""
+    mirrored = mirrored_below is not None
     area = sum(facts.area for facts in survey.parts.values())
     scale = float(np.sqrt(reference.area / area))
     names: dict[str, dict[str, int]] = {part: dict(f.known) for part, f in survey.parts.items()}
     rival = {part: dict(named) for part, named in names.items()}
     margin, residual = 1.0, 0.0
-    tree = cKDTree(reference.samples)
     # Parts with fewest ways first: what they fix helps to tell the others apart.
-    for part in sorted(ostia, key=lambda p: len(ostia[p]) - len(survey.parts[p].known)):
+    order_of_parts = sorted(ostia, key=lambda p: len(ostia[p]) - len(survey.parts[p].known))
+    for part in order_of_parts:
         trial = _trial(survey, names, part, ostia[part], reference, scale)
-        costs = _costs(trial, scale * survey.samples, reference, tree, mirrored)
+        enough = np.inf
+        if mirrored_below is not None and part == order_of_parts[-1]:
+            enough = mirrored_below**2 * reference.area
+        costs = _costs(trial, scale * survey.samples, reference, tree, mirrored, enough)
         order = np.argsort(costs, kind="stable")
         names[part] = trial.ways[order[0]]
         residual = float(np.sqrt(costs[order[0]] / reference.area))
@@ -207,17 +216,32 @@ def _trial(
 
 
 def _costs(
-    trial: _Trial, samples: FloatArray, reference: Landmarks, tree: cKDTree, mirrored: bool
+    trial: _Trial,
+    samples: FloatArray,
+    reference: Landmarks,
+    tree: cKDTree,
+    mirrored: bool,
+    enough: float,
 ) -> FloatArray:
-    """Return the mean square misfit (n,) of every way; infinite where it is out of the running."""
+    """Return the mean square misfit (n,) of every way; infinite where it is out of the running.
+
+    Where the landmarks alone misfit by `enough` whatever the way, surfaces are not compared.
+    """
     rotation, shift = _superposing(trial.moving, trial.fixed, mirrored)
     placed = np.einsum("nij,nlj->nli", rotation, trial.moving) + shift[:, None]
     costs = ((placed - trial.fixed) ** 2).sum(axis=2).mean(axis=1) + trial.radius_misfit
+    if float(costs.min()) > enough:
+        landmarks_only: FloatArray = costs
+        return landmarks_only
     total = np.full(len(costs), np.inf)
     order = np.argsort(costs, kind="stable")[:_CANDIDATES]
     limit = max(_OUT_OF_REACH * float(costs.min()), _OPEN_SHARE * reference.area)
+    best = second = np.inf
     for k in order[(costs[order] <= limit) | (np.arange(len(order)) < 2)].tolist():
+        if costs[k] > second:
+            break  # the landmarks alone misfit more than the two best ways do in all
         total[k] = costs[k] + _surface_misfit(rotation[k], shift[k], samples, reference, tree)
+        best, second = sorted((best, second, total[k]))[:2]
     return total
 
 

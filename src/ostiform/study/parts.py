@@ -22,6 +22,7 @@ from ostiform.surface import (
     without_unreferenced,
 )
 from ostiform.surface.cutting import tube_cut
+from ostiform.surface.handles import short_handle_curve
 from ostiform.surface.intersections import crossing_triangles
 from ostiform.surface.loop_filling import filled_loops
 from ostiform.surface.repair import MendedMesh, counted, mended_mesh, outward_mesh
@@ -32,7 +33,9 @@ __all__ = [
     "PartFacts",
     "check_frame",
     "close_loops",
+    "connected_mesh",
     "face_values",
+    "handle_sentence",
     "internal_factors",
     "opened_part",
     "surface_facts",
@@ -121,12 +124,10 @@ def opened_part(
     for ostium, cut in cuts.items():
         mended, rims[ostium] = _cut_open(ostium, cut, mended)
     mended = outward_mesh(mended)
-    handles = genus(mended.faces)
-    if handles:
+    if genus(mended.faces):
         raise TopologyError(
-            f"expected a surface without handles, found genus {handles} "
-            f"({counted(handles, 'handle')}): surfaces with handles cannot be embedded yet, close "
-            "them first"
+            f"expected a surface without handles, found {handle_sentence(mended)}: surfaces with "
+            "handles cannot be embedded yet, close or cut it there first"
         )
     kept, faces = without_unreferenced(mended.faces, len(mended.vertices))
     loops = boundary_loops(faces)
@@ -200,6 +201,29 @@ def check_frame(settings: StudySettings, mesh: RawMesh) -> None:
             f"expected the frame {settings.frame} of the study, found a file that states "
             f"{mesh.space}: set frame, or convert the file"
         )
+
+
+def connected_mesh(mesh: RawMesh) -> MendedMesh:
+    """Mend a mesh and keep its largest piece, its faces turned outward.
+
+    Raises
+    ------
+    TopologyError
+        If it cannot be mended, or is in several large pieces.
+    """
+    return outward_mesh(_largest_piece(mended_mesh(_unmended(mesh))))
+
+
+def handle_sentence(mesh: MendedMesh) -> str:
+    """Return how many handles a surface has and where a short curve round one of them lies."""
+    handles = genus(mesh.faces)
+    curve = short_handle_curve(mesh.vertices, mesh.faces)
+    facts = loop_facts(mesh.vertices, curve)
+    where = ", ".join(f"{x + 0.0:.1f}" for x in facts.center.round(1))
+    return (
+        f"genus {handles} ({counted(handles, 'handle')}, a curve of {facts.perimeter:.3g} mm round "
+        f"one at [{where}] mm)"
+    )
 
 
 def _unmended(mesh: RawMesh) -> MendedMesh:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_mapping
 from ostiform.errors import InputError
+from ostiform.study.layout_names import LayoutCircle, names_by_layout
 from ostiform.study.matching import (
     LARGEST_TRIAL,
     Landmarks,
@@ -27,7 +28,7 @@ from ostiform.study.parts import internal_factors
 from ostiform.study.settings import StudySettings
 from ostiform.study.shape import ShapeId
 from ostiform.study.survey import PartSurvey, ShapeSurvey
-from ostiform.surface import split_ostium_name
+from ostiform.surface import component_parts, split_ostium_name
 
 __all__ = ["PopulationNames", "ShapeNames", "named_population"]
 
@@ -92,6 +93,7 @@ class _Naming:
     """What naming works with: the settings, and what they say of each shape."""
 
     settings: StudySettings
+    layout: Mapping[str, LayoutCircle]
 
     @property
     def ostia(self) -> dict[str, tuple[str, ...]]:
@@ -118,7 +120,11 @@ class _Naming:
         )
 
 
-def named_population(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> PopulationNames:
+def named_population(
+    settings: StudySettings,
+    surveys: Sequence[ShapeSurvey],
+    layout: Mapping[str, LayoutCircle] | None = None,
+) -> PopulationNames:
     """Name the loops of every shape of a population.
 
     Shapes of another size (units) and shapes with another number of openings get no names. Loops
@@ -130,8 +136,11 @@ def named_population(settings: StudySettings, surveys: Sequence[ShapeSurvey]) ->
     ----------
     settings : StudySettings
     surveys : sequence of ShapeSurvey
+    layout : mapping of str to LayoutCircle, optional
+        The circles that the study gives its base domain, by full ostium name; they name the
+        openings where nothing else does.
     """
-    naming = _Naming(settings)
+    naming = _Naming(settings, layout or {})
     problems = _of_other_size(settings, surveys)
     sound = []
     for survey in surveys:
@@ -266,6 +275,8 @@ def _reference(
             best = misfit, landmarks_of(survey, names)
     if best is not None:
         return best[1]
+    if naming.layout:
+        return _laid_out(naming, sound)
     if naming.settings.ostia.points:
         return (
             "expected rough points in [ostia.points] that tell the openings of at least one shape "
@@ -275,6 +286,27 @@ def _reference(
     return (
         "expected rough points in [ostia.points] (or ostia.shapes of one shape) to tell the "
         "openings apart, found none"
+    )
+
+
+def _laid_out(naming: _Naming, sound: Sequence[ShapeSurvey]) -> Landmarks | str:
+    """Return the landmarks of the shape whose loops fit the circles of the domain best."""
+    groups = component_parts(tuple(naming.ostia), naming.settings.seam_pairs)
+    best: tuple[float, Landmarks] | None = None
+    for survey in sound:
+        found = names_by_layout(
+            survey, naming.ostia, groups, naming.settings.seam_pairs, naming.layout
+        )
+        if found is None or found.margin < LEAST_MARGIN:
+            continue
+        if best is None or found.margin > best[0]:
+            best = found.margin, landmarks_of(survey, found.names)
+    if best is not None:
+        return best[1]
+    return (
+        "expected circles in [domain.circles] (one for every opening but those of seams) that tell "
+        "the openings of at least one shape apart, found none that fit: give rough points in "
+        "[ostia.points]"
     )
 
 

@@ -1,6 +1,7 @@
 """Proposing a study file for a folder of meshes or label maps."""
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -58,7 +59,7 @@ def proposed_study(folder: Path, target: Path) -> str:
     guess = guessed_pattern(names)
     first = {part: folder / name for part, name in _first_shape(guess, names).items()}
     maps = any(is_label_map(path) for path in first.values())
-    labels: dict[str, int] = {}
+    labels: dict[str, int | str] = {}
     if maps:
         labels = _labels(first) if len(first) == 1 else {}
         parts = [_Part(name) for name in (labels or first)]
@@ -110,10 +111,16 @@ def _first_shape(guess: NamePattern, names: Sequence[str]) -> dict[str, str]:
     return chosen
 
 
-def _labels(first: Mapping[str, Path]) -> dict[str, int]:
-    """Return a name for every label of a label map, or nothing where there is just one."""
+def _labels(first: Mapping[str, Path]) -> dict[str, int | str]:
+    """Return a part for every label of a label map, or nothing where there is just one.
+
+    Segments that 3D Slicer has named are parts of those names.
+    """
     (path,) = first.values()
-    values = np.unique(read_label_map(path).labels)
+    label_map = read_label_map(path)
+    if label_map.segments and len(label_map.segments) <= _MOST_LABELS:
+        return {re.sub(r"[./\\{}=+]", "_", name).strip(): name for name in label_map.segments}
+    values = np.unique(label_map.labels)
     values = values[values != 0]
     if len(values) > _MOST_LABELS:
         raise InputError(
@@ -192,7 +199,7 @@ def _text(
     seams: Sequence[tuple[str, str]],
     units: str,
     frame: str,
-    labels: Mapping[str, int],
+    labels: Mapping[str, int | str],
     maps: bool,
 ) -> str:
     lines = [
@@ -228,7 +235,10 @@ def _text(
     if maps:
         lines += ["", "[labels]", "# edge_mm = 2.0           # edge length of the surfaces"]
         if labels:
-            listed = ", ".join(f"{_key(name)} = {value}" for name, value in labels.items())
+            listed = ", ".join(
+                f"{_key(name)} = {json.dumps(value, ensure_ascii=False)}"
+                for name, value in labels.items()
+            )
             lines.append(f"values = {{{listed}}}")
     if maps or not any(part.ostia for part in parts):
         lines += [

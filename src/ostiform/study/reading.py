@@ -98,7 +98,7 @@ def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
     """Return what can be said of a part that is unfit for use; None if it cannot be read."""
     try:
         return surface_facts(part_meshes(study.settings, entry, {})[0][part])
-    except InputError:
+    except (InputError, TopologyError):
         return None
 
 

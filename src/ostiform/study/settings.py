@@ -1,6 +1,7 @@
 """The settings of a study: what ``study.toml`` may say, checked."""
 
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -14,13 +15,16 @@ __all__ = [
     "CircleSettings",
     "CorrespondenceSettings",
     "CutsSettings",
+    "CycleSettings",
     "DomainSettings",
     "EmbeddingSettings",
     "EvaluationSettings",
     "LabelsSettings",
+    "LandmarksSettings",
     "OstiaSettings",
     "PartSettings",
     "PlaneSettings",
+    "ReportSettings",
     "SeamSettings",
     "ShapesSettings",
     "StudySettings",
@@ -80,7 +84,8 @@ class ShapesSettings(_Settings):
     relative to `folder`, which is relative to the study file's folder. `open` makes openings by
     deleting cells: ``array`` is the name of a cell or point array, every other key an ostium and
     its value. `split` makes parts of one mesh: ``array`` likewise, every other key a part and its
-    value or values. `times` gives phases as fractions of the cycle.
+    value or values; `joined` says that one mesh without labels holds all parts, to be divided by
+    the cuts at the seams. `times` gives phases as fractions of the cycle.
     """
 
     pattern: str | None = None
@@ -89,7 +94,20 @@ class ShapesSettings(_Settings):
     on_error: Literal["skip", "stop"] = "skip"
     open: dict[str, str | int | float] = {}
     split: dict[str, str | int | tuple[int, ...]] = {}
+    joined: bool = False
     times: dict[str, Annotated[float, Field(ge=0.0, lt=1.0)]] = {}
+
+
+class CycleSettings(_Settings):
+    """The cycle that the phases belong to.
+
+    `length_s` is its length where the sheet gives times in seconds (``time_s``) and no length of
+    their own. `landmarks` are events such as the end of systole, as fractions of the cycle, by
+    subject: with them, the subjects' times are warped so that the events fall together.
+    """
+
+    length_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
+    landmarks: dict[str, tuple[Annotated[float, Field(gt=0.0, lt=1.0)], ...]] = {}
 
 
 class OstiaSettings(_Settings):
@@ -114,12 +132,13 @@ class WeldingSettings(_Settings):
 class LabelsSettings(_Settings):
     """How label maps become surfaces.
 
-    `values` gives each part its label or labels; a part without takes every voxel other than 0 of
-    its own file. `edge_mm` is the edge length of the surface, default 1.5 voxels.
+    `values` gives each part its label or labels, as numbers or as names of 3D Slicer's segments; a
+    part without takes every voxel other than 0 of its own file. `edge_mm` is the edge length of the
+    surface, default 1.5 voxels.
     """
 
     edge_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
-    values: dict[str, int | tuple[int, ...]] = {}
+    values: dict[str, int | str | tuple[int | str, ...]] = {}
 
 
 class PlaneSettings(_Settings):
@@ -172,6 +191,18 @@ class CorrespondenceSettings(_Settings):
     seed: Annotated[int, Field(ge=0)] = 0
 
 
+class LandmarksSettings(_Settings):
+    """Landmarks of the user, which the correspondence respects as well as they are known.
+
+    `file` holds the landmarks of each shape (scalismo's JSON), a name with ``{subject}`` and
+    ``{phase}`` relative to the folder of the shapes; shapes without one have none. `sd_mm` is
+    the standard deviation of each coordinate where the file states no uncertainty.
+    """
+
+    file: str | None = None
+    sd_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 2.0
+
+
 class AlignmentSettings(_Settings):
     """How poses are removed; `per` defaults to subject where a subject has several phases."""
 
@@ -191,6 +222,19 @@ class EvaluationSettings(_Settings):
     truth: str | None = None
 
 
+class ReportSettings(_Settings):
+    """What the report is called and what it draws.
+
+    `title` defaults to the name of the study's folder. `part` and `shape` (``"SUBJECT/PHASE"``)
+    choose whose map to the sphere is drawn step by step: by default the part with the most
+    openings, of the first shape.
+    """
+
+    title: Annotated[str, Field(min_length=1)] | None = None
+    part: str | None = None
+    shape: str | None = None
+
+
 class StudySettings(_Settings):
     """Everything that ``study.toml`` says.
 
@@ -207,6 +251,7 @@ class StudySettings(_Settings):
     parts: Annotated[dict[Name, PartSettings], Field(min_length=1)]
     seams: tuple[SeamSettings, ...] = ()
     shapes: ShapesSettings
+    cycle: CycleSettings = CycleSettings()
     ostia: OstiaSettings = OstiaSettings()
     welding: WeldingSettings = WeldingSettings()
     labels: LabelsSettings = LabelsSettings()
@@ -215,8 +260,10 @@ class StudySettings(_Settings):
     embedding: EmbeddingSettings = EmbeddingSettings()
     template: TemplateSettings = TemplateSettings()
     correspondence: CorrespondenceSettings = CorrespondenceSettings()
+    landmarks: LandmarksSettings = LandmarksSettings()
     alignment: AlignmentSettings = AlignmentSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
+    report: ReportSettings = ReportSettings()
 
     @property
     def part_names(self) -> tuple[str, ...]:
@@ -236,7 +283,7 @@ class StudySettings(_Settings):
     @property
     def shares_files(self) -> bool:
         """Whether one file holds all parts of a shape."""
-        return bool(self.shapes.split) or len(self.labels.values) > 1
+        return self.shapes.joined or bool(self.shapes.split) or len(self.labels.values) > 1
 
     @property
     def caps(self) -> dict[str, float]:
@@ -345,9 +392,18 @@ def _contradictions(settings: StudySettings) -> list[str]:
         *_part_problems(settings),
         *_seam_problems(settings),
         *_shapes_problems(settings),
+        *_cycle_problems(settings),
         *_part_value_problems(settings),
         *_ostium_problems(settings),
+        *_report_problems(settings),
     ]
+
+
+def _report_problems(settings: StudySettings) -> list[str]:
+    part = settings.report.part
+    if part is None or part in settings.parts:
+        return []
+    return [f"report.part: expected a part of [parts], found {_shown(part)}"]
 
 
 def _part_problems(settings: StudySettings) -> list[str]:
@@ -384,6 +440,10 @@ def _shapes_problems(settings: StudySettings) -> list[str]:
     if (shapes.pattern is None) == (shapes.sheet is None):
         found = "none" if shapes.pattern is None else "both"
         problems.append(f"shapes: expected one of the keys pattern and sheet, found {found}")
+    if shapes.joined and shapes.split:
+        problems.append("shapes: expected one of the keys joined and split, found both")
+    if shapes.joined and not settings.seams:
+        problems.append("shapes.joined: expected [[seams]] between the parts, found none")
     if shapes.open:
         if not isinstance(shapes.open.get("array"), str):
             problems.append("shapes.open.array: expected the name of a cell array")
@@ -395,6 +455,24 @@ def _shapes_problems(settings: StudySettings) -> list[str]:
                 problems.append(f"{key}: expected an ostium of [parts], found {_shown(name)}")
             if isinstance(value, str):
                 problems.append(f"{key}: expected a number, found {_shown(value)}")
+    return problems
+
+
+def _cycle_problems(settings: StudySettings) -> list[str]:
+    landmarks = settings.cycle.landmarks
+    wanted = max((len(times) for times in landmarks.values()), default=0)
+    problems = []
+    for subject, times in landmarks.items():
+        key = f"cycle.landmarks.{_quoted(subject)}"
+        if len(times) != wanted:
+            problems.append(
+                f"{key}: expected as many events as the other subjects have, {wanted}, found "
+                f"{len(times)}"
+            )
+        if any(later <= earlier for earlier, later in pairwise(times)):
+            problems.append(
+                f"{key}: expected increasing times, found {', '.join(f'{t:g}' for t in times)}"
+            )
     return problems
 
 

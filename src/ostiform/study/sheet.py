@@ -24,7 +24,7 @@ class SheetRow:
     ----------
     subject, phase : str
     time : float or None
-        Fraction of the cycle, where the sheet has a column for it.
+        Fraction of the cycle, where the sheet says so.
     files : mapping of str to str
         File of each part, as written; a part whose cell is empty is left out.
     covariates : mapping of str to str
@@ -44,11 +44,16 @@ class SheetRow:
 
 
 def read_sheet(
-    path: Path, parts: Sequence[str], shares_files: bool = False
+    path: Path,
+    parts: Sequence[str],
+    shares_files: bool = False,
+    cycle_length_s: float | None = None,
 ) -> tuple[SheetRow, ...]:
     """Read a sheet with the columns subject, phase, time and one per part.
 
-    ``phase`` and ``time`` may be left out; a study of one part, or one whose files hold all parts
+    ``time`` is a fraction of the cycle; instead there may be ``time_s`` in seconds, with the length
+    of the cycle in ``cycle_s``, in ``heart_rate_bpm``, or given for all rows (`cycle_length_s`).
+    ``phase`` and the times may be left out; a study of one part, or one whose files hold all parts
     (`shares_files`), may have one column ``file``.
     Empty rows are skipped; every other column is kept as a covariate. A CSV file may separate by
     comma, semicolon or tabulator. An XLSX file is read from its first sheet.
@@ -71,7 +76,7 @@ def read_sheet(
     if is_shared and not any(part in header for part in parts):
         file_columns = {"file": tuple(parts)}
     return tuple(
-        _row(path, number, dict(zip(header, cells, strict=False)), file_columns)
+        _row(path, number, dict(zip(header, cells, strict=False)), file_columns, cycle_length_s)
         for number, cells in enumerate(rows[1:], start=2)
         if any(cell.strip() for cell in cells)
     )
@@ -92,14 +97,25 @@ def _check_header(path: Path, header: Sequence[str], parts: Sequence[str]) -> No
 
 
 def _row(
-    path: Path, number: int, cells: Mapping[str, str], file_columns: Mapping[str, tuple[str, ...]]
+    path: Path,
+    number: int,
+    cells: Mapping[str, str],
+    file_columns: Mapping[str, tuple[str, ...]],
+    cycle_length_s: float | None,
 ) -> SheetRow:
     values = {name: cell.strip() for name, cell in cells.items() if name}
     subject = values.pop("subject", "")
     if not subject:
         raise InputError(f"{path}, row {number}: expected a subject, found an empty cell")
     phase = values.pop("phase", "") or _DEFAULT_PHASE
-    written = values.pop("time", "")
+    written, seconds = values.pop("time", ""), values.pop("time_s", "")
+    if written and seconds:
+        raise InputError(
+            f"{path}, row {number}: expected a time or a time_s, found both: leave one empty"
+        )
+    time = _time(path, number, written) if written else None
+    if seconds:
+        time = _time_of_seconds(path, number, seconds, values, cycle_length_s)
     files = {
         part: name
         for column, named in file_columns.items()
@@ -109,7 +125,7 @@ def _row(
     return SheetRow(
         subject=subject,
         phase=phase,
-        time=_time(path, number, written) if written else None,
+        time=time,
         files=files,
         covariates=values,
     )
@@ -126,6 +142,45 @@ def _time(path: Path, number: int, written: str) -> float:
             f'found "{written}"'
         )
     return time
+
+
+def _time_of_seconds(
+    path: Path,
+    number: int,
+    written: str,
+    cells: Mapping[str, str],
+    cycle_length_s: float | None,
+) -> float:
+    """Return a time in seconds as a fraction of the cycle, whose length the row may state."""
+    length = cycle_length_s
+    for name in ("cycle_s", "heart_rate_bpm"):
+        if stated := cells.get(name, ""):
+            value = _number(stated)
+            if value is None or value <= 0.0:
+                raise InputError(
+                    f'{path}, row {number}: expected a positive {name}, found "{stated}"'
+                )
+            length = value if name == "cycle_s" else 60.0 / value
+            break
+    if length is None:
+        raise InputError(
+            f"{path}, row {number}: expected the length of the cycle for a time in seconds, found "
+            "none: add a column cycle_s or heart_rate_bpm, or cycle.length_s to the study"
+        )
+    time = _number(written)
+    if time is None or not 0.0 <= time < length:
+        raise InputError(
+            f"{path}, row {number}: expected a time_s from 0 to below the cycle's {length:g} s, "
+            f'found "{written}"'
+        )
+    return time / length
+
+
+def _number(written: str) -> float | None:
+    try:
+        return float(written.replace(",", "."))
+    except ValueError:
+        return None
 
 
 def _csv_rows(path: Path) -> list[list[str]]:

@@ -6,11 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.errors import InputError
+from ostiform.errors import InputError, TopologyError
+from ostiform.study.joined import parted_mesh
 from ostiform.study.label_parts import label_meshes, without_islands
 from ostiform.study.labelmaps import is_label_map
 from ostiform.study.markups import DEFAULT_REACH_MM, Cut, Markups, plane_cut, read_markups
-from ostiform.study.parts import check_frame, face_values, internal_factors
+from ostiform.study.parts import (
+    check_frame,
+    connected_mesh,
+    face_values,
+    internal_factors,
+)
 from ostiform.study.settings import PlaneSettings, StudySettings
 from ostiform.study.study import ShapeEntry
 from ostiform.surface import RawMesh, face_areas, read_mesh, split_ostium_name, without_unreferenced
@@ -54,9 +60,11 @@ def part_meshes(
         meshes = label_meshes(settings, entry.files, full)
     elif settings.shapes.split:
         meshes = _split_mesh(settings, entry)
+    elif settings.shapes.joined:
+        meshes = _joined_mesh(settings, entry, cuts)
     else:
         meshes = {part: _read(settings, part, entry) for part in settings.parts}
-    divided = volumes or settings.shapes.split
+    divided = volumes or settings.shapes.split or settings.shapes.joined
     at_seams = {name for seam in settings.seam_pairs for name in (seam.first, seam.second)}
     left = {
         part: {o: cut for o, cut in own.items() if not (divided and f"{part}.{o}" in at_seams)}
@@ -130,6 +138,20 @@ def _read(settings: StudySettings, part: str, entry: ShapeEntry) -> RawMesh:
         where = "" if str(entry.files[part]) in str(error) else f" ({entry.files[part]})"
         raise InputError(f"{part}{where}: {error}") from None
     return replace(mesh, vertices=mesh.vertices * internal_factors(settings))
+
+
+def _joined_mesh(
+    settings: StudySettings, entry: ShapeEntry, cuts: Mapping[str, Mapping[str, Cut]]
+) -> dict[str, RawMesh]:
+    """Return the parts of one mesh that the cuts at the seams tell apart."""
+    first = settings.part_names[0]
+    file = entry.files[first]
+    mesh = _read(settings, first, entry)
+    full = {f"{part}.{o}": cut for part, own in cuts.items() for o, cut in own.items()}
+    try:
+        return parted_mesh(settings, mesh, connected_mesh(mesh), full)
+    except (InputError, TopologyError) as error:
+        raise type(error)(f"{file}: {error}") from None
 
 
 def _split_mesh(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawMesh]:

@@ -110,7 +110,9 @@ def read_study(path: Path) -> Study:
                 {part: folder / name for part, name in row.files.items()},
                 row.covariates,
             )
-            for row in read_sheet(sheet, settings.part_names, settings.shares_files)
+            for row in read_sheet(
+                sheet, settings.part_names, settings.shares_files, settings.cycle.length_s
+            )
         ]
         if not found:
             raise InputError(f"{sheet}: expected one row per shape, found none")
@@ -214,6 +216,12 @@ def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Foun
                 f'{path.name}: {table}.shapes."{key}": expected a shape "SUBJECT/PHASE" or a '
                 "subject of the study, found another name"
             )
+    subjects, stated = {item.subject for item in found}, settings.cycle.landmarks
+    if stated and (odd := sorted(subjects.symmetric_difference(stated))):
+        raise InputError(
+            f"{path.name}: cycle.landmarks: expected events for every subject of the study and for "
+            f"no other, found it otherwise for {', '.join(odd)}"
+        )
     phases = {item.phase for item in found}
     if settings.shapes.times and (missing := sorted(phases - set(settings.shapes.times))):
         raise InputError(

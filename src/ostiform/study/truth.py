@@ -196,10 +196,10 @@ def read_truth(path: Path) -> Truth:
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
         schema = document["schema"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ArtifactError(
-            f"{path}: expected the truth of a generated population, found {error!r}; generate the "
-            "population again"
+            f"{path}: expected the truth of a generated population, found {error!r:.200}; generate "
+            "the population again"
         ) from error
     if schema != _SCHEMA:
         raise ArtifactError(
@@ -207,9 +207,10 @@ def read_truth(path: Path) -> Truth:
         )
     try:
         return _decoded_truth(document)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise ArtifactError(
-            f"{path}: expected complete parameters, found {error!r}; generate the population again"
+            f"{path}: expected complete parameters, found {error!r:.200}; generate the population "
+            "again"
         ) from error
 
 

@@ -8,6 +8,7 @@ extrapolated by one slice where the label ends. Voxel steps within slices are sm
 ``2 G - G G`` (G a Gaussian of one voxel), which keeps polynomials of degree three: nothing shrinks.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = ["LevelField", "level_field", "level_surface", "level_values"]
+__all__ = ["LevelField", "kept_apart", "level_field", "level_surface", "level_values"]
 
 _COARSE = 1.5
 """Slices further apart than this many voxels are interpolated one by one."""
@@ -30,6 +31,9 @@ label has no say in its outline."""
 
 _LEAST_BEYOND = 0.05
 """In the first slice without the label f is at most this share of its largest value below zero."""
+
+_NEAR_IN_WIDTHS = 2.0
+"""Labels are parted only within this many widths of the gap of both."""
 
 _MARGIN = 3
 """Empty voxels added on every side."""
@@ -139,6 +143,80 @@ def level_values(field: LevelField, points: FloatArray) -> FloatArray:
     index = np.linalg.solve(field.affine[:3, :3], (points - field.affine[:3, 3]).T)  # (3, n)
     values: FloatArray = ndimage.map_coordinates(field.values, index, order=1, mode="nearest")
     return values
+
+
+def kept_apart(
+    field: LevelField,
+    one: LevelField,
+    two: LevelField,
+    others: Sequence[LevelField],
+    width: float,
+) -> LevelField:
+    """Return a field of several labels with a gap where two of them meet.
+
+    The gap is ``{|h| < width |grad h| / 2}``, h the difference of the fields of the two, where
+    both are near and without the other labels.
+
+    Parameters
+    ----------
+    field : LevelField
+        Of all labels together.
+    one, two : LevelField
+        Of the labels to be parted, on the same voxels.
+    others : sequence of LevelField
+        Of the other labels.
+    width : float
+        Of the gap, mm.
+    """
+    starts = [_start(item, field) for item in (one, two)]
+    ends = [s + item.values.shape for s, item in zip(starts, (one, two), strict=True)]
+    low = np.maximum(np.maximum(*starts), 0)
+    high = np.minimum(np.minimum(*ends), field.values.shape)
+    if (high - low < 2).any():
+        return field
+    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    steps = np.linalg.norm(field.affine[:3, :3], axis=0)
+    here, there = (_inside_box(item, field, low, high) for item in (one, two))
+    height = here - there
+    slope = np.sqrt(sum(g**2 for g in np.gradient(height, *steps)))
+    sheet = np.abs(height) / np.maximum(slope, np.finfo(np.float64).tiny) - 0.5 * width
+    sheet = np.maximum(sheet, -_NEAR_IN_WIDTHS * width - np.minimum(here, there))
+    for other in others:
+        sheet = np.maximum(sheet, _inside_box(other, field, low, high))
+    values = field.values / _scale(field)
+    values[box] = np.minimum(values[box], sheet)
+    return LevelField(values, field.affine)
+
+
+def _scale(field: LevelField) -> float:
+    """Return about the slope of a field at its zero set: fields over it are distances."""
+    steps = np.linalg.norm(field.affine[:3, :3], axis=0)
+    slope = np.sqrt(sum(g**2 for g in np.gradient(field.values, *steps)))
+    near = np.abs(field.values) < slope * steps.max()
+    return float(np.median(slope[near])) if near.any() else 1.0
+
+
+def _start(item: LevelField, field: LevelField) -> IntArray:
+    """Return the place of the first node of a field on the grid of another."""
+    offset = np.linalg.solve(field.affine[:3, :3], item.affine[:3, 3] - field.affine[:3, 3])
+    start: IntArray = np.rint(offset).astype(np.int64)
+    return start
+
+
+def _inside_box(item: LevelField, field: LevelField, low: IntArray, high: IntArray) -> FloatArray:
+    """Return the distance inside a field's zero set, mm, in a box of another's grid."""
+    start = _start(item, field)
+    inside = np.zeros(tuple((high - low).tolist()), dtype=np.bool_)
+    first = np.maximum(start, low)
+    last = np.minimum(start + item.values.shape, high)
+    if (last > first).all():
+        there = tuple(slice(a, b) for a, b in zip(first - low, last - low, strict=True))
+        here = tuple(slice(a, b) for a, b in zip(first - start, last - start, strict=True))
+        inside[there] = item.values[here] > 0.0
+    if not inside.any():
+        return np.full(inside.shape, -np.inf)
+    steps = np.linalg.norm(field.affine[:3, :3], axis=0)
+    return _unshrunk(_signed_distance(inside, steps), np.ones(3))
 
 
 def _box(mask: BoolArray) -> tuple[IntArray, IntArray]:

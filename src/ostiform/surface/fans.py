@@ -12,7 +12,7 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface.topology import graph_labels, half_edges, non_manifold_vertices, unique_edges
 
-__all__ = ["MOST_FANS", "PartedFans", "with_single_fans"]
+__all__ = ["MOST_FANS", "PartedFans", "face_fans", "with_single_fans"]
 
 MOST_FANS = 100
 """A mesh with more such vertices is no surface with flaws."""
@@ -61,7 +61,7 @@ def with_single_fans(vertices: FloatArray, faces: IntArray) -> PartedFans:
     faces = faces.copy()
     copies: list[FloatArray] = []
     for vertex in split.tolist():
-        for fan in _fans(faces, vertex)[1:]:
+        for fan in face_fans(faces, vertex)[1:]:
             rows = faces[fan]
             rows[rows == vertex] = len(vertices) + len(copies)
             faces[fan] = rows
@@ -69,7 +69,7 @@ def with_single_fans(vertices: FloatArray, faces: IntArray) -> PartedFans:
     return PartedFans(np.vstack([vertices, *copies]), faces, n_parted, len(split))
 
 
-def _fans(faces: IntArray, vertex: int) -> list[IntArray]:
+def face_fans(faces: IntArray, vertex: int) -> list[IntArray]:
     """Return the faces (indices) of each fan round a vertex."""
     around = np.flatnonzero((faces == vertex).any(axis=1))
     local = faces[around]
@@ -88,12 +88,12 @@ def _corner_between_openings(faces: IntArray, vertex: int) -> IntArray | None:
     """
     rim = _Rim.of(faces)
     leaving = rim.leaving.get(vertex, [])
-    if len(leaving) != 2 or len(_fans(faces, vertex)) != 2:
+    if len(leaving) != 2 or len(face_fans(faces, vertex)) != 2:
         return None
     walks = [rim.walk(row, vertex) for row in leaving]
     if any(not walk for walk in walks):
         return None
-    fans = _fans(faces, vertex)
+    fans = face_fans(faces, vertex)
     if any(np.isin(rim.owner[[walk[0], walk[-1]]], fan).all() for walk in walks for fan in fans):
         return None  # two sheets that touch
     longer = max(walks, key=len)
@@ -132,7 +132,7 @@ class _Rim:
             here = int(self.edges[walk[-1], 1])
             onward = self.leaving.get(here, [])
             if len(onward) > 1:
-                mine = next(f for f in _fans(self.faces, here) if self.owner[walk[-1]] in f)
+                mine = next(f for f in face_fans(self.faces, here) if self.owner[walk[-1]] in f)
                 onward = [r for r in onward if self.owner[r] not in mine]
             if len(onward) != 1:
                 return []

@@ -97,6 +97,7 @@ def write_surface(
     faces: IntArray,
     point_data: Mapping[str, Array] | None = None,
     cell_data: Mapping[str, Array] | None = None,
+    field_data: Mapping[str, Array | str] | None = None,
 ) -> None:
     """Write a surface as VTP (float64, LPS, compressed), whole or not at all.
 
@@ -111,6 +112,8 @@ def write_surface(
     faces : (F, 3) int64
     point_data, cell_data : mapping of str to array
         Arrays of V and F items.
+    field_data : mapping of str to array or str
+        Facts about the whole surface.
 
     Raises
     ------
@@ -125,6 +128,6 @@ def write_surface(
         mesh = RawMesh(vertices, faces, point_data or {}, cell_data or {}, "LPS")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    content = vtp_bytes(mesh)
+    content = vtp_bytes(mesh, field_data)
     with atomically(path) as partial:
         partial.write_bytes(content)

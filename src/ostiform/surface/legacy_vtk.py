@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from ostiform.arrays import IntArray
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.surface.raw_mesh import (
     Array,
@@ -20,7 +20,7 @@ from ostiform.surface.raw_mesh import (
     triangles_of_strips,
 )
 
-__all__ = ["VTK_WITHOUT_AREA", "grid_triangles", "read_legacy_vtk"]
+__all__ = ["VTK_WITHOUT_AREA", "grid_triangles", "legacy_vtk_lines", "read_legacy_vtk"]
 
 VTK_FLAT = (5, 7, 9)
 """Cell types of triangles, polygons and quadrilaterals."""
@@ -116,6 +116,21 @@ def read_legacy_vtk(content: bytes) -> RawMesh:
     InputError
         If the file is damaged, of another kind, or holds cells that are not triangles.
     """
+    return _mesh(*_read_file(content))
+
+
+def legacy_vtk_lines(content: bytes) -> tuple[FloatArray, IntArray, IntArray, str | None]:
+    """Return the points (n, 3) of a legacy VTK file, its lines, and the frame that it states.
+
+    Lines are offsets (m + 1,) into a list of vertex indices.
+    """
+    sections, space = _read_file(content)
+    points = np.zeros((0, 3)) if sections.points is None else sections.points.astype(np.float64)
+    none = np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return points, *sections.cells.get("LINES", none), space
+
+
+def _read_file(content: bytes) -> tuple[_Sections, str | None]:
     head = re.match(
         rb"# vtk DataFile Version (\d+)\.\d+[^\n]*\n([^\n]*)\n\s*(ASCII|BINARY)[ \t]*\r?\n",
         content,
@@ -133,7 +148,7 @@ def read_legacy_vtk(content: bytes) -> RawMesh:
     sections = _read_sections(cursor)
     stated = re.search(rb"SPACE=(LPS|RAS)", head[2])
     space = stated[1].decode() if stated else sections.texts.get("SPACE")
-    return _mesh(sections, space if space in ("LPS", "RAS") else None)
+    return sections, space if space in ("LPS", "RAS") else None
 
 
 def _read_sections(cursor: _Cursor) -> _Sections:

@@ -62,11 +62,10 @@ def unique_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         mesh is not manifold.
     """
     directed = half_edges(faces)
-    low, high = directed.min(axis=1), directed.max(axis=1)
-    span = int(faces.max(initial=-1)) + 1
-    keys, index, count = np.unique(low * span + high, return_inverse=True, return_counts=True)
-    edges = np.stack([keys // max(span, 1), keys % max(span, 1)], axis=1)  # (E, 2)
-    return edges, index.reshape(-1).astype(np.int64), count.astype(np.int64)
+    low = np.minimum(directed[:, 0], directed[:, 1])
+    high = np.maximum(directed[:, 0], directed[:, 1])
+    edges, index, count = _grouped_edges(low, high, int(faces.max(initial=-1)) + 1)
+    return edges, index, count
 
 
 def non_manifold_edges(faces: IntArray) -> IntArray:
@@ -231,9 +230,9 @@ def non_manifold_vertices(faces: IntArray) -> IntArray:
         np.concatenate([opposite, opposite_end]),
         corner_count,
     )
-    fans = np.unique(np.stack([vertex, labels], axis=1), axis=0)  # (n, 2)
-    found, n_fans = np.unique(fans[:, 0], return_counts=True)
-    return found[n_fans > 1].astype(np.int64)
+    vertex_of_fan = np.empty(int(labels.max(initial=-1)) + 1, dtype=np.int64)
+    vertex_of_fan[labels] = vertex
+    return np.flatnonzero(np.bincount(vertex_of_fan) > 1)
 
 
 def referenced_vertices(faces: IntArray, n_vertices: int) -> BoolArray:
@@ -261,9 +260,10 @@ def without_unreferenced(faces: IntArray, n_vertices: int) -> tuple[IntArray, In
 def is_consistently_oriented(faces: IntArray) -> bool:
     """Return whether no two faces run along a common edge in the same direction."""
     directed = half_edges(faces)
-    span = int(faces.max(initial=-1)) + 1
-    keys = directed[:, 0] * span + directed[:, 1]
-    return len(np.unique(keys)) == len(keys)
+    _, index, count = unique_edges(faces)
+    is_forward = directed[:, 0] < directed[:, 1]
+    n_forward = np.bincount(index, weights=is_forward, minlength=len(count))
+    return bool((n_forward <= 1).all() and (count - n_forward <= 1).all())
 
 
 def consistently_oriented(faces: IntArray) -> IntArray:
@@ -366,6 +366,40 @@ def _refuse_non_manifold_edges(edges: IntArray, count: IntArray) -> None:
             f"the first between vertices {int(bad[0, 0])} and {int(bad[0, 1])}: remove the extra "
             "sheet"
         )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _grouped_edges(low: IntArray, high: IntArray, span: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Sort pairs (n,) below `span` by counting, twice; return distinct ones, index and count."""
+    n = len(low)
+    order = np.empty(n, dtype=np.int64)
+    start = np.zeros(span + 1, dtype=np.int64)
+    for k in range(n):
+        start[high[k] + 1] += 1
+    start = np.cumsum(start)
+    for k in range(n):
+        order[start[high[k]]] = k
+        start[high[k]] += 1
+    start = np.zeros(span + 1, dtype=np.int64)
+    for k in range(n):
+        start[low[k] + 1] += 1
+    start = np.cumsum(start)
+    by_both = np.empty(n, dtype=np.int64)
+    for item in order:
+        by_both[start[low[item]]] = item
+        start[low[item]] += 1
+    edges = np.empty((n, 2), dtype=np.int64)
+    count = np.zeros(n, dtype=np.int64)
+    index = np.empty(n, dtype=np.int64)
+    found = -1
+    for item in by_both:
+        if found < 0 or edges[found, 0] != low[item] or edges[found, 1] != high[item]:
+            found += 1
+            edges[found, 0] = low[item]
+            edges[found, 1] = high[item]
+        index[item] = found
+        count[found] += 1
+    return edges[: found + 1].copy(), index, count[: found + 1].copy()
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

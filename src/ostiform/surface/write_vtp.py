@@ -1,6 +1,7 @@
 """Writer of VTP files."""
 
 import zlib
+from collections.abc import Mapping
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -16,8 +17,14 @@ _TYPES = {
 }  # fmt: skip
 
 
-def vtp_bytes(mesh: RawMesh) -> bytes:
+def vtp_bytes(mesh: RawMesh, field_data: Mapping[str, Array | str] | None = None) -> bytes:
     """Return a mesh as the bytes of a VTP file: appended raw data, compressed by zlib.
+
+    Parameters
+    ----------
+    mesh : RawMesh
+    field_data : mapping of str to array or str, optional
+        Facts about the whole mesh: numbers, or a text.
 
     Raises
     ------
@@ -26,27 +33,27 @@ def vtp_bytes(mesh: RawMesh) -> bytes:
     """
     appended = bytearray()
 
-    def listed(name: str, values: Array) -> str:
+    def listed(name: str, values: Array, is_field: bool = False) -> str:
         plain = values.astype(np.uint8) if values.dtype == np.bool_ else values
         kind = _TYPES.get(plain.dtype.str[1:])
         if kind is None:
             raise InputError(f"expected numbers in the array {name}, found {values.dtype}")
         width = int(np.prod(values.shape[1:], dtype=np.int64))
+        count = f'NumberOfTuples="{len(values)}" ' if is_field else ""
         offset = len(appended)
         appended.extend(_block(plain.astype(plain.dtype.newbyteorder("<")).tobytes()))
         return (
             f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfComponents="{width}" '
-            f'format="appended" offset="{offset}"/>\n'
+            f'{count}format="appended" offset="{offset}"/>\n'
         )
 
     offsets = np.arange(3, 3 * len(mesh.faces) + 1, 3)
-    space = " ".join(str(code) for code in f"{mesh.space or ''}\0".encode("ascii"))
-    stated = (
-        f'<FieldData>\n<Array type="String" Name="SPACE" NumberOfTuples="1" format="ascii">'
-        f"{space}</Array>\n</FieldData>\n"
-        if mesh.space
-        else ""
+    facts = {**({"SPACE": mesh.space} if mesh.space else {}), **(field_data or {})}
+    fields = "".join(
+        _text(name, value) if isinstance(value, str) else listed(name, value, is_field=True)
+        for name, value in facts.items()
     )
+    stated = f"<FieldData>\n{fields}</FieldData>\n" if fields else ""
     text = (
         '<?xml version="1.0"?>\n'
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
@@ -61,6 +68,14 @@ def vtp_bytes(mesh: RawMesh) -> bytes:
         '</Piece>\n</PolyData>\n<AppendedData encoding="raw">\n_'
     )
     return text.encode("utf-8") + bytes(appended) + b"\n</AppendedData>\n</VTKFile>\n"
+
+
+def _text(name: str, text: str) -> str:
+    codes = " ".join(str(code) for code in f"{text}\0".encode())
+    return (
+        f'<Array type="String" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">'
+        f"{codes}</Array>\n"
+    )
 
 
 def _block(plain: bytes) -> bytes:

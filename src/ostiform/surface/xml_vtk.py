@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ostiform.arrays import IntArray
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.surface.legacy_vtk import grid_triangles
 from ostiform.surface.raw_mesh import (
@@ -25,7 +25,7 @@ from ostiform.surface.raw_mesh import (
     triangles_of_strips,
 )
 
-__all__ = ["read_xml_vtk"]
+__all__ = ["read_xml_vtk", "xml_vtk_lines"]
 
 _TYPES = {
     "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4",
@@ -75,6 +75,33 @@ def read_xml_vtk(content: bytes) -> RawMesh:
     if not meshes:
         raise InputError("expected a surface of triangles, found no points")
     return joined_meshes(meshes)
+
+
+def xml_vtk_lines(content: bytes) -> tuple[FloatArray, IntArray, IntArray, str | None]:
+    """Return the points (n, 3) of a VTP file, its lines, and the frame that it states.
+
+    Lines are offsets (m + 1,) into a list of vertex indices; several pieces are joined.
+    """
+    root, encoding = _parsed(content)
+    grid = root.find("PolyData")
+    points, offsets, corners = [np.zeros((0, 3))], [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
+    n_points = n_corners = 0
+    for piece in [] if grid is None else grid.findall("Piece"):
+        count = _number(piece, "NumberOfPoints")
+        listed = piece.find("Points/DataArray")
+        if not count or listed is None:
+            continue
+        points.append(_array(listed, encoding, 3 * count).reshape(count, 3).astype(np.float64))
+        ends, vertices = _cells(piece, "Lines", encoding)
+        offsets.append(n_corners + ends[1:])
+        corners.append(n_points + vertices)
+        n_points, n_corners = n_points + count, n_corners + len(vertices)
+    return (
+        np.concatenate(points),
+        np.concatenate(offsets),
+        np.concatenate(corners),
+        _stated_space(grid, encoding),
+    )
 
 
 def _parsed(content: bytes) -> tuple[ElementTree.Element, _Encoding]:

@@ -1,0 +1,230 @@
+"""The figures of the report as Matplotlib figures, to be changed, shown or saved.
+
+Each function takes the `Results` of a build (all stages but the report are enough), or a model,
+and returns a `matplotlib.figure.Figure` of print size. Nothing is written but the paper's chain
+of maps, which `maps` keeps in the results folder.
+"""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ostiform.api.results import Results
+from ostiform.arrays import FloatArray
+from ostiform.correspondence import KINDS
+from ostiform.domain import BaseDomain, domain_from_json
+from ostiform.errors import InputError
+from ostiform.evaluation import compare, cumulative_variance_error, part_volumes, volume_curves
+from ostiform.execution import Workers
+from ostiform.model import ShapeModel
+from ostiform.pipeline.embed import embedding_artifact
+from ostiform.pipeline.report_maps import map_records, state_view
+from ostiform.pipeline.run import Ready
+from ostiform.pipeline.store import Store, file_hash, slug
+from ostiform.report import Section, evidence_section, maps_section, sampled_kinks
+from ostiform.report.curves import convergence_figure, scores_figure, volumes_figure
+from ostiform.report.modes import modes_figure
+from ostiform.report.points import shapes_figure
+from ostiform.study import ShapeId
+
+__all__ = [
+    "convergence",
+    "distortion",
+    "evidence",
+    "maps",
+    "mode",
+    "paper_maps",
+    "scores",
+    "shapes",
+    "volumes",
+]
+
+
+def evidence(results: Results) -> Figure:
+    """Draw variance, left-out residue and specificity of the three models (HY Fig. 4).
+
+    Bands are 95 % intervals over subjects; for the specificity they are the sampling error.
+    """
+    evaluations = {str(kind): results.evaluated(kind) for kind in KINDS}
+    stored = {str(kind): results.stored(kind) for kind in KINDS}
+    section = evidence_section(
+        evaluations,
+        [compare(evaluations["optimal"], evaluations[kind]) for kind in KINDS[:-1]],
+        {},
+        {
+            kind: cumulative_variance_error(item.scores, [id.subject for id in item.ids])
+            for kind, item in stored.items()
+        },
+    )
+    return _picture(section, "evidence")
+
+
+def mode(
+    model: ShapeModel, index: int, deviations: tuple[float, ...] = (-3.0, -2.0, 0.0, 2.0, 3.0)
+) -> Figure:
+    """Draw the mean displaced along one mode, seen from two sides (HY Fig. 3).
+
+    Parameters
+    ----------
+    model : ShapeModel
+    index : int
+        From 0.
+    deviations : tuple of float
+        In standard deviations; 0 is the mean.
+
+    Raises
+    ------
+    InputError
+        If the model has no such mode.
+    """
+    if not 0 <= index < len(model.modes):
+        raise InputError(
+            f"mode of a model: expected an index from 0 to {len(model.modes) - 1}, found {index}"
+        )
+    return modes_figure(model, index, deviations)
+
+
+def shapes(model: ShapeModel, points: FloatArray, titles: tuple[str, ...]) -> Figure:
+    """Draw shapes of a model side by side, from the front.
+
+    Parameters
+    ----------
+    model : ShapeModel
+        Gives the triangles and the view.
+    points : (n, P, 3) float64, mm
+        For example of `ShapeModel.sample`.
+    titles : tuple of str, n
+
+    Raises
+    ------
+    InputError
+        If there is not one title for each shape of the model's points.
+    """
+    given = np.asarray(points, dtype=np.float64)
+    if given.shape != (len(titles), len(model.mean), 3) or not titles:
+        raise InputError(
+            f"shapes to draw: expected ({len(titles)}, {len(model.mean)}, 3) coordinates for "
+            f"{len(titles)} titles, found {given.shape}"
+        )
+    return shapes_figure(model, given, titles)
+
+
+def scores(results: Results) -> Figure:
+    """Draw the scores of the first two modes, each subject joined through its phases."""
+    stored = results.stored()
+    model = stored.model
+    standard = stored.scores / np.sqrt(np.maximum(model.variances, np.finfo(float).tiny))
+    return scores_figure(
+        standard,
+        [id.subject for id in stored.ids],
+        np.array([id.time for id in stored.ids]),
+        model.variances / model.total_variance,
+    )
+
+
+def volumes(results: Results) -> Figure:
+    """Draw the volume of every part over the cycle, one line per subject.
+
+    Raises
+    ------
+    InputError
+        If no subject has several phases.
+    """
+    correspondence, model = results.correspondence, results.model
+    curves = volume_curves(correspondence.ids, part_volumes(correspondence.points, model.mesh))
+    if not curves:
+        raise InputError(
+            f"{results.folder}: expected a subject with several phases, found one phase each; "
+            "a volume curve needs motion"
+        )
+    return volumes_figure(curves)
+
+
+def convergence(results: Results) -> Figure:
+    """Draw the objective of the correspondence against processor time, one colour per level.
+
+    Raises
+    ------
+    InputError
+        If the correspondence was made with level 1 alone.
+    """
+    history = _facts(results)["history"]
+    levels = np.array([record["level"] for record in history], dtype=np.float64)
+    finer = levels > 1
+    if not finer.any():
+        raise InputError(
+            f"{results.folder}: expected levels finer than the first, found level 1 only; "
+            "set correspondence.levels to 2 or more"
+        )
+    seconds = np.cumsum([record["seconds"] for record in history])
+    objective = np.array([record["objective"] for record in history])
+    label = "description length + penalty"
+    return convergence_figure(seconds[finer], objective[finer], levels[finer], label)
+
+
+def maps(results: Results, shape: str | None = None, part: str | None = None) -> Figure:
+    """Draw the map of one part to the sphere step by step, in the stereographic plane (HY Fig. 2).
+
+    Parameters
+    ----------
+    results : Results
+    shape : str, optional
+        ``SUBJECT/PHASE``; default the first shape.
+    part : str, optional
+        Default the part with the most openings.
+
+    Raises
+    ------
+    InputError
+        If there is no such shape or part.
+    """
+    return _maps(results, "maps", shape, part)
+
+
+def paper_maps(results: Results, shape: str | None = None, part: str | None = None) -> Figure:
+    """Draw the states of the paper's own chain, folds marked; parameters and errors as `maps`."""
+    return _maps(results, "maps-paper", shape, part)
+
+
+def distortion(results: Results) -> Figure:
+    """Draw how much the maps of all shapes distort angles and areas."""
+    return _maps(results, "distortion", None, None)
+
+
+def _maps(results: Results, name: str, shape: str | None, part: str | None) -> Figure:
+    correspondence = results.correspondence
+    store = Store(results.folder)
+    ready = {str(id): _ready(store, id) for id in correspondence.ids}
+    wanted = next(iter(ready)) if shape is None else shape
+    if wanted not in ready:
+        raise InputError(
+            f"shape to draw: expected one of {', '.join(ready)}, found {wanted}; "
+            "shapes that were left out have no map"
+        )
+    domain = _domain(results)
+    parts = [own for sphere in domain.spheres for own in sphere.parts]
+    if part is not None and part not in parts:
+        raise InputError(f"part to draw: expected one of {', '.join(parts)}, found {part}")
+    view = state_view(store, ready[wanted], part, domain, _facts(results))
+    shown = ready.values() if name == "distortion" else [ready[wanted]]
+    with Workers(1) as workers:
+        records = map_records(store, shown, workers)
+    return _picture(maps_section(records, view, sampled_kinks(correspondence, domain)), name)
+
+
+def _ready(store: Store, shape: ShapeId) -> Ready:
+    name = slug(shape)
+    return Ready(shape, name, file_hash(store.path(embedding_artifact(name))))
+
+
+def _facts(results: Results) -> Any:
+    return Store(results.folder).read_json("correspondence.json")
+
+
+def _domain(results: Results) -> BaseDomain:
+    return domain_from_json(Store(results.folder).read_json("domain.json"))
+
+
+def _picture(section: Section, name: str) -> Figure:
+    return next(picture.figure for picture in section.pictures if picture.name == name)

@@ -1,0 +1,49 @@
+"""``ostiform add``: further shapes in a finished model."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ostiform.cli.options import DEFAULTS, Common, StudyPath
+from ostiform.cli.running import run_command
+from ostiform.pipeline.add import Addition, add_shapes
+
+__all__ = ["add"]
+
+
+def add(
+    results: Annotated[Path, Parameter(help="The results folder of a build.")],
+    study: StudyPath,
+    shapes: Annotated[
+        tuple[str, ...],
+        Parameter(help="SUBJECT or SUBJECT/PHASE; default every shape that is new in the study."),
+    ] = (),
+    *,
+    output: Annotated[
+        Path, Parameter(name=["--output", "-o"], help="A new folder for the larger model.")
+    ],
+    common: Common = DEFAULTS,
+) -> int:
+    """Add shapes to a finished model without moving the others.
+
+    List the new shapes in the build's study first. The points of all others stay bit for bit; only
+    the principal components are computed afresh.
+    """
+    return run_command(
+        common, lambda tell: _show(common, add_shapes(results, study, output, shapes, tell))
+    )
+
+
+def _show(common: Common, addition: Addition) -> int:
+    if common.json:
+        print(json.dumps(addition.as_json(), indent=1, ensure_ascii=False))
+    elif not common.quiet:
+        for shape in addition.added:
+            print(
+                f"{shape.subject}/{shape.phase}: {shape.residue_mm:.2f} mm from what the model "
+                f"could make, surface covered to {shape.coverage_p95_mm:.2f} mm"
+            )
+        print(f"{addition.after} shapes, {addition.before} unchanged, in {addition.output}")
+    return 0

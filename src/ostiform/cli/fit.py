@@ -1,0 +1,142 @@
+"""``ostiform fit``: a model fitted to data that it has never seen."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Group, Parameter
+
+from ostiform.cli.options import DEFAULTS, Common, Output
+from ostiform.cli.running import run_command
+from ostiform.fitting import FitSettings, PoseKnowledge, Scaling, fit_prior, fit_shape
+from ostiform.fitting.files import FileRules, TargetKind, read_named_points, read_targets
+from ostiform.fitting.results import write_fit
+from ostiform.model import read_model
+
+__all__ = ["fit"]
+
+
+@Parameter(name="*", group=Group("What the files are", sort_key=0))
+@dataclass(frozen=True)
+class Files:
+    """How to read the targets."""
+
+    kind: Annotated[
+        TargetKind, Parameter(help="What the files are; auto tells by what they hold.")
+    ] = "auto"
+    units: Annotated[Literal["mm", "cm", "m"], Parameter(help="Of the files.")] = "mm"
+    frame: Annotated[
+        Literal["LPS", "RAS"], Parameter(help="Of files that do not state theirs.")
+    ] = "LPS"
+    openings: Annotated[
+        Path | None,
+        Parameter(
+            help="Rough positions of openings (rows NAME x y z, or Slicer Markups): the boundary "
+            "nearest to each is that opening. Default: matched by geometry."
+        ),
+    ] = None
+
+
+DEFAULT_FILES = Files()
+
+
+def fit(
+    model: Annotated[Path, Parameter(help="A model file (model.h5), of Ostiform or scalismo.")],
+    *targets: Annotated[
+        str,
+        Parameter(
+            help="Files to fit to, all of one shape: meshes, curves, points, landmarks; "
+            "PART=FILE where a file is one part of the model."
+        ),
+    ],
+    output: Output = Path("fit"),
+    pose: Annotated[
+        PoseKnowledge,
+        Parameter(
+            help="near: turned by less than about 45 degrees against the model, anywhere; known: "
+            "in the model's frame; unknown: turned in any way."
+        ),
+    ] = "near",
+    scaling: Annotated[Scaling, Parameter(help="Whether the size belongs to the pose.")] = "rigid",
+    noise: Annotated[
+        float | None, Parameter(help="Noise of the data in mm; default estimated.")
+    ] = None,
+    files: Files = DEFAULT_FILES,
+    common: Common = DEFAULTS,
+) -> int:
+    """Fit a model to a surface, points, contours or landmarks of a shape it has never seen.
+
+    Writes OUTPUT/fitted.vtp (the most probable surface, with its uncertainty and residue at every
+    point) and OUTPUT/fit.json (pose, scores with their covariance, residues, how typical the
+    shape is of the model's population).
+    """
+    return run_command(
+        common,
+        lambda _: _fit(
+            model, targets, output, files, lambda: FitSettings(pose, scaling, noise), common
+        ),
+    )
+
+
+def _fit(
+    model: Path,
+    targets: tuple[str, ...],
+    output: Path,
+    files: Files,
+    settings: Callable[[], FitSettings],
+    common: Common,
+) -> int:
+    chosen = settings()  # in here, so that a wrong value is one sentence
+    rules = FileRules(files.kind, files.units, files.frame)
+    stored = read_model(model)
+    named = {}
+    if files.openings is not None:
+        labels, positions = read_named_points(files.openings, rules)
+        named = dict(zip(labels, positions, strict=True))
+    data = read_targets(targets, stored.model.mesh.parts, rules, named)
+    prior = fit_prior(stored)
+    facts = write_fit(output, prior, fit_shape(prior, data, chosen))
+    if common.json:
+        print(json.dumps({"output": str(output), **facts}, indent=1, ensure_ascii=False))
+    elif not common.quiet:
+        print(_summary(facts, output))
+    return 0
+
+
+def _summary(facts: dict[str, Any], output: Path) -> str:
+    residue, typical = facts["residue_mm"], facts["typicality"]
+    pose, there = facts["pose"], residue["data_to_model"]
+    lines = [
+        f"{facts['status']} after {facts['iterations']} iterations",
+        f"data to model: mean {there['mean']:.2f} mm, 95 % {there['p95']:.2f} mm, largest "
+        f"{there['maximum']:.2f} mm",
+    ]
+    back = residue["model_to_target"]
+    if back is not None:
+        lines.append(
+            f"model to target: mean {back['mean']:.2f} mm, 95 % {back['p95']:.2f} mm, largest "
+            f"{back['maximum']:.2f} mm, over {100 * residue['share_of_model_covered']:.0f} % of "
+            "the model"
+        )
+    lines.append(
+        f"posterior sd of a point: mean {facts['point_sd_mm']['mean']:.2f} mm, largest "
+        f"{facts['point_sd_mm']['max']:.2f} mm"
+    )
+    sd = pose["sd"]
+    lines.append(
+        f"pose: scale {pose['scale']:.3f}, sd {sd['rotation_deg']:.1f} degrees and "
+        f"{sd['translation_mm']:.2f} mm"
+    )
+    for loop, name in facts["openings_matched"].items():
+        lines.append(f"{loop}: taken for {name}")
+    lines.append(
+        f"Mahalanobis distance {typical['mahalanobis']:.2f} with {typical['dof']:.1f} degrees of "
+        f"freedom: beyond {100 * typical['percentile']:.0f} % of the population; beyond the modes "
+        f"{typical['leftover_ratio']:.2f} times the energy of left-out shapes"
+    )
+    if typical["is_outlier"]:
+        lines.append("outlier: " + "; ".join(typical["reasons"]))
+    lines.append(f"results in {output}")
+    return "\n".join(lines)

@@ -1,0 +1,195 @@
+"""Landmarks of the user as soft correspondences (an optional term of every shape's objective).
+
+A landmark l marks the same place on every shape, with a stated standard deviation. Its place on
+the template is the mean over the shapes of the directions that the maps give it; with
+``b_l`` its barycentric coordinates in the triangle of the optimiser's points around that place, a
+shape adds ``sum_l |sum_k b_lk x_k - p_l|^2 / sd_l^2`` to its objective: the negative logarithm,
+twice, of the probability that the user clicked at p_l where the shape's points say the place is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.correspondence.sampling import ShapeSampler, SurfaceMarks, pull_back
+from ostiform.domain import Template
+from ostiform.errors import InputError
+from ostiform.surface import closest_points, normalised, surface_tree
+
+__all__ = [
+    "LandmarkTerm",
+    "TemplateMarks",
+    "landmark_force",
+    "landmark_jacobian_rows",
+    "landmark_term",
+    "landmark_value",
+    "template_marks",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TemplateMarks:
+    """Where the landmarks lie among the optimiser's points.
+
+    Attributes
+    ----------
+    names : tuple of str
+        L landmarks.
+    corners : (L, 3) int64
+        Points of the triangle around each.
+    barycentric : (L, 3) float64
+    """
+
+    names: tuple[str, ...]
+    corners: IntArray
+    barycentric: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandmarkTerm:
+    """The landmarks of one shape, as its objective sees them.
+
+    Attributes
+    ----------
+    corners : (L, 3) int64
+    barycentric : (L, 3) float64
+    positions : (L, 3) float64, mm
+        In input coordinates.
+    precisions : (L,) float64
+        One over the variance of a coordinate, mm^-2.
+    """
+
+    corners: IntArray
+    barycentric: FloatArray
+    positions: FloatArray
+    precisions: FloatArray
+
+
+def template_marks(samplers: Sequence[ShapeSampler], coarse: Template) -> TemplateMarks | None:
+    """Return where the population's landmarks lie on a template; None where no shape has any.
+
+    Parameters
+    ----------
+    samplers : sequence of ShapeSampler
+    coarse : Template
+        Of the optimiser's points.
+
+    Raises
+    ------
+    InputError
+        If a landmark lies on different components of different shapes.
+    """
+    places: dict[str, list[tuple[int, FloatArray]]] = {}
+    for sampler in samplers:
+        for name, place in zip(*_places(sampler), strict=True):
+            places.setdefault(name, []).append(place)
+    if not places:
+        return None
+    corners, barycentric = [], []
+    for name, found in places.items():
+        spheres = {sphere for sphere, _ in found}
+        if len(spheres) > 1:
+            raise InputError(
+                f"landmark {name}: expected it on the same component of every shape, found it on "
+                f"{len(spheres)} different ones: check the names and the frame of the landmarks"
+            )
+        direction = normalised(np.mean([place for _, place in found], axis=0)[None])[0]
+        corner, share = _located(coarse, spheres.pop(), direction)
+        corners.append(corner)
+        barycentric.append(share)
+    return TemplateMarks(tuple(places), np.array(corners), np.array(barycentric))
+
+
+def landmark_term(marks: TemplateMarks | None, own: SurfaceMarks | None) -> LandmarkTerm | None:
+    """Return the term of one shape; None where it has no landmarks that the template knows."""
+    if marks is None or own is None:
+        return None
+    pairs = [(marks.names.index(n), k) for k, n in enumerate(own.names) if n in marks.names]
+    if not pairs:
+        return None
+    here, there = np.array(pairs).T
+    return LandmarkTerm(
+        corners=marks.corners[here],
+        barycentric=marks.barycentric[here],
+        positions=own.positions[there],
+        precisions=own.sd_mm[there] ** -2.0,
+    )
+
+
+def landmark_value(term: LandmarkTerm | None, points: FloatArray) -> float:
+    """Return the term of a shape sampled at the optimiser's points (Q, 3), input coordinates."""
+    if term is None:
+        return 0.0
+    return float(term.precisions @ (_residuals(term, points) ** 2).sum(axis=1))
+
+
+def landmark_force(term: LandmarkTerm, points: FloatArray) -> FloatArray:
+    """Return half the derivative (Q, 3) of the term by the points."""
+    force = np.zeros_like(points)
+    pulls = term.precisions[:, None] * _residuals(term, points)  # (L, 3)
+    np.add.at(force, term.corners, term.barycentric[:, :, None] * pulls[:, None, :])
+    return force
+
+
+def landmark_jacobian_rows(
+    term: LandmarkTerm, starts: IntArray, fields: IntArray, moved: FloatArray, n_fields: int
+) -> FloatArray:
+    """Return the derivative (3L, D) of the weighted residuals by the coefficients of fields.
+
+    Parameters
+    ----------
+    term : LandmarkTerm
+    starts, fields : (Q + 1,) and (A,) int64
+        Active fields of each point.
+    moved : (A, 3) float64
+        How each moves its point, unscaled, in input coordinates.
+    n_fields : int
+    """
+    rows = np.zeros((len(term.corners), 3, n_fields))
+    for mark, (corners, shares) in enumerate(zip(term.corners, term.barycentric, strict=True)):
+        for point, share in zip(corners, shares, strict=True):
+            active = slice(starts[point], starts[point + 1])
+            rows[mark][:, fields[active]] += share * moved[active].T
+    rows *= np.sqrt(term.precisions)[:, None, None]
+    return rows.reshape(-1, n_fields)
+
+
+def _residuals(term: LandmarkTerm, points: FloatArray) -> FloatArray:
+    placed = np.einsum("lk,lkd->ld", term.barycentric, points[term.corners])
+    residuals: FloatArray = placed - term.positions
+    return residuals
+
+
+def _places(sampler: ShapeSampler) -> tuple[tuple[str, ...], list[tuple[int, FloatArray]]]:
+    """Return the component and the direction that a shape's map gives each of its landmarks."""
+    if sampler.marks is None:
+        return (), []
+    positions = sampler.marks.positions
+    distances = np.stack(
+        [
+            np.linalg.norm(
+                closest_points(surface_tree(part.vertices, part.faces), positions).points
+                - positions,
+                axis=1,
+            )
+            for part in sampler.components
+        ]
+    )  # (C, L)
+    component = distances.argmin(axis=0)
+    return sampler.marks.names, [
+        (int(number), frozen_floats(pull_back(sampler, int(number), point[None])[0], (3,), "mark"))
+        for number, point in zip(component, positions, strict=True)
+    ]
+
+
+def _located(coarse: Template, sphere: int, direction: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the triangle around a direction, or the nearest one, and the place in it."""
+    faces = coarse.faces[coarse.sphere[coarse.faces[:, 0]] == sphere]
+    corners = np.swapaxes(coarse.points[faces], 1, 2)  # (F, 3, 3), columns are corners
+    shares = np.linalg.solve(corners, np.broadcast_to(direction[:, None], (len(faces), 3, 1)))
+    weights = shares[:, :, 0] / np.abs(shares[:, :, 0]).sum(axis=1, keepdims=True)
+    best = int(weights.min(axis=1).argmax())
+    inside = np.maximum(weights[best], 0.0)
+    return faces[best], inside / inside.sum()

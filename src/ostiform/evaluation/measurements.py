@@ -1,0 +1,284 @@
+"""Clinical numbers of shapes in correspondence: openings, long axis, twist, ejection.
+
+Definitions, for one part (docs/dynamics.md has them with pictures of thought):
+
+- *area* of an opening: magnitude of its rim's vector area, ``|1/2 sum p_i x p_(i+1)|``, the area
+  of the flat cap; *diameters*: axes of the ellipse that has the second moments of the rim's
+  polygon, seen along the vector area (exact for an ellipse);
+- *annulus*: the opening of the part with the longest perimeter on the mean of the shapes; *apex*:
+  the part's point furthest from the annulus' centre there. Both are the same material points in
+  all shapes. *Long axis*: from the centre of the annulus to the apex;
+- *reference*: the phase of the heart in which the part is largest (end-diastole of a ventricle);
+- *twist*: rotation about the long axis since the reference of the third of the part nearest to the
+  apex, less that of the third nearest to the annulus; positive counter-clockwise seen from the
+  apex.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.errors import InputError
+from ostiform.evaluation.clinical import part_volumes
+from ostiform.model import ModelMesh
+from ostiform.study import ShapeId
+from ostiform.surface.operators import vertex_areas
+
+__all__ = [
+    "ClinicalTable",
+    "LongAxis",
+    "RimMeasures",
+    "clinical_measures",
+    "clinical_table",
+    "long_axes",
+    "rim_measures",
+    "twist_angles",
+]
+
+MM3_PER_ML = 1000.0
+THIRD = 1.0 / 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RimMeasures:
+    """Sizes of one opening in several shapes.
+
+    Attributes
+    ----------
+    area : (N,) float64, mm^2
+    perimeter, diameter_max, diameter_min : (N,) float64, mm
+    centre : (N, 3) float64, mm
+        Centroid of the flat cap.
+    """
+
+    area: FloatArray
+    perimeter: FloatArray
+    diameter_max: FloatArray
+    diameter_min: FloatArray
+    centre: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class LongAxis:
+    """The material points that a part's long axis joins.
+
+    Attributes
+    ----------
+    annulus : str
+        Full name of the opening.
+    apex : int
+        Index of the point.
+    """
+
+    annulus: str
+    apex: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClinicalTable:
+    """Numbers of shapes, one column per quantity, with the unit at the end of its name.
+
+    Attributes
+    ----------
+    ids : tuple of ShapeId
+    columns : tuple of str
+    values : (N, C) float64
+    """
+
+    ids: tuple[ShapeId, ...]
+    columns: tuple[str, ...]
+    values: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the array and make it read-only."""
+        shape = (len(self.ids), len(self.columns))
+        object.__setattr__(self, "values", frozen_floats(self.values, shape, "clinical numbers"))
+
+    def column(self, name: str) -> FloatArray:
+        """Return one column (N,).
+
+        Raises
+        ------
+        InputError
+            If there is no such column.
+        """
+        if name not in self.columns:
+            raise InputError(
+                f"clinical numbers: expected one of {', '.join(self.columns)}, found {name}"
+            )
+        values: FloatArray = self.values[:, self.columns.index(name)]
+        return values
+
+
+def rim_measures(rims: FloatArray) -> RimMeasures:
+    """Return the sizes of an opening from its rim (N, n, 3) in mm, points in order."""
+    points = np.asarray(rims, dtype=np.float64)
+    start = points.mean(axis=1, keepdims=True)
+    offsets = points - start
+    after = np.roll(offsets, -1, axis=1)
+    vector = 0.5 * np.cross(offsets, after).sum(axis=1)  # (N, 3)
+    area = np.linalg.norm(vector, axis=1)
+    across, up = _plane(vector)  # (N, 3) each
+    x, y = np.einsum("npi,ni->np", offsets, across), np.einsum("npi,ni->np", offsets, up)
+    xn, yn = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+    twice = x * yn - xn * y  # (N, n) twice the areas of the triangles with the mean
+    size = np.where(twice.sum(axis=1) > 0.0, twice.sum(axis=1), 1.0)
+    cx, cy = ((u + un) * twice / 3.0 for u, un in ((x, xn), (y, yn)))
+    cx, cy = cx.sum(axis=1) / size, cy.sum(axis=1) / size
+    xx = ((x * x + x * xn + xn * xn) * twice).sum(axis=1) / 6.0 / size - cx**2
+    yy = ((y * y + y * yn + yn * yn) * twice).sum(axis=1) / 6.0 / size - cy**2
+    xy = ((2.0 * (x * y + xn * yn) + x * yn + xn * y) * twice).sum(axis=1) / 12.0 / size - cx * cy
+    mid, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    return RimMeasures(
+        area=area,
+        perimeter=np.linalg.norm(after - offsets, axis=2).sum(axis=1),
+        diameter_max=4.0 * np.sqrt(np.maximum(mid + half, 0.0)),
+        diameter_min=4.0 * np.sqrt(np.maximum(mid - half, 0.0)),
+        centre=start[:, 0] + cx[:, None] * across + cy[:, None] * up,
+    )
+
+
+def long_axes(points: FloatArray, mesh: ModelMesh) -> dict[str, LongAxis]:
+    """Return the long axis of every part that has an opening, found on the mean shape.
+
+    Parameters
+    ----------
+    points : (N, P, 3) float64, mm
+        All shapes, aligned; their mean is looked at.
+    mesh : ModelMesh
+    """
+    mean = np.asarray(points, dtype=np.float64).mean(axis=0)
+    axes = {}
+    for index, part in enumerate(mesh.parts):
+        loops = {n: loop for n, loop in mesh.loops.items() if n.startswith(f"{part}.")}
+        own = np.unique(mesh.faces[mesh.face_part == index])
+        if loops and len(own):
+            measures = {name: rim_measures(mean[loop][None]) for name, loop in loops.items()}
+            annulus = max(measures, key=lambda name: float(measures[name].perimeter[0]))
+            away = np.linalg.norm(mean[own] - measures[annulus].centre[0], axis=1)
+            axes[part] = LongAxis(annulus, int(own[away.argmax()]))
+    return axes
+
+
+def clinical_measures(
+    points: FloatArray, mesh: ModelMesh, axes: Mapping[str, LongAxis]
+) -> dict[str, FloatArray]:
+    """Return the clinical numbers of one heart's phases, by column name.
+
+    Parameters
+    ----------
+    points : (T, P, 3) float64, mm
+        All phases of one heart, in one frame and not scaled: of a subject, or made by a model.
+    mesh : ModelMesh
+    axes : mapping of part to LongAxis
+        Of the population (`long_axes`).
+
+    Returns
+    -------
+    columns : dict of str to (T,) float64
+        The name ends with the unit: ``ml``, ``mm``, ``mm2``, ``percent`` or ``deg``.
+    """
+    shapes = np.asarray(points, dtype=np.float64)
+    columns: dict[str, FloatArray] = {}
+    rims = {name: rim_measures(shapes[:, loop]) for name, loop in mesh.loops.items()}
+    for part, volumes in part_volumes(shapes, mesh).items():
+        reference = int(volumes.argmax())
+        ejected = 100.0 * (1.0 - volumes / volumes[reference])
+        columns[f"{part}_volume_ml"] = volumes / MM3_PER_ML
+        columns[f"{part}_ejected_percent"] = ejected
+        columns[f"{part}_ejection_fraction_percent"] = np.full(len(shapes), ejected.max())
+        if part in axes:
+            own = np.unique(mesh.faces[mesh.face_part == mesh.parts.index(part)])
+            base, apex = rims[axes[part].annulus].centre, shapes[:, axes[part].apex]
+            length = np.linalg.norm(apex - base, axis=1)
+            columns[f"{part}_long_axis_mm"] = length
+            shortening = 100.0 * (1.0 - length / length[reference])
+            columns[f"{part}_long_axis_shortening_percent"] = shortening
+            faces = np.searchsorted(own, mesh.faces[mesh.face_part == mesh.parts.index(part)])
+            twist = twist_angles(shapes[:, own], faces, base, apex, reference)
+            columns[f"{part}_twist_deg"] = np.degrees(twist)
+        for name, rim in rims.items():
+            if name.startswith(f"{part}."):
+                label = name.replace(".", "_")
+                columns[f"{label}_area_mm2"] = rim.area
+                columns[f"{label}_perimeter_mm"] = rim.perimeter
+                columns[f"{label}_diameter_max_mm"] = rim.diameter_max
+                columns[f"{label}_diameter_min_mm"] = rim.diameter_min
+    return columns
+
+
+def twist_angles(
+    points: FloatArray, faces: IntArray, base: FloatArray, apex: FloatArray, reference: int
+) -> FloatArray:
+    """Return how far the end near the apex has turned against the one near the base, radians.
+
+    Parameters
+    ----------
+    points : (T, Q, 3) float64, mm
+        One part of one heart.
+    faces : (F, 3) int64
+    base, apex : (T, 3) float64, mm
+        Ends of the long axis.
+    reference : int
+        The phase against which the others are turned.
+    """
+    axis = (apex - base) / np.linalg.norm(apex - base, axis=1, keepdims=True)  # (T, 3)
+    heights = (points[reference] - base[reference]) @ axis[reference]  # (Q,)
+    low, high = heights.min(), heights.max()
+    areas = vertex_areas(points[reference], faces)
+    first, _ = _plane(axis[reference][None])
+    # Axes of the cross-section that turn with the long axis by the smallest rotation.
+    across = first - np.einsum("ti,ki->tk", axis, first) * axis
+    across = across / np.linalg.norm(across, axis=1, keepdims=True)
+    up = np.cross(axis, across)
+    turns = []
+    for chosen in (heights >= high - THIRD * (high - low), heights <= low + THIRD * (high - low)):
+        slab = points[:, chosen]
+        middle = np.average(slab, axis=1, weights=areas[chosen])[:, None]
+        offsets = slab - middle
+        z = np.einsum("tqi,ti->tq", offsets, across) + 1j * np.einsum("tqi,ti->tq", offsets, up)
+        turns.append(np.angle((np.conj(z[reference]) * z) @ areas[chosen]))
+    twist: FloatArray = np.angle(np.exp(1j * (turns[0] - turns[1])))
+    return twist
+
+
+def clinical_table(
+    ids: Sequence[ShapeId], points: FloatArray, aligned: FloatArray, mesh: ModelMesh
+) -> ClinicalTable:
+    """Return the clinical numbers of all shapes of a population.
+
+    Parameters
+    ----------
+    ids : (N,) sequence of ShapeId
+    points : (N, P, 3) float64, mm
+        In coordinates that were not scaled; the phases of a subject in one frame.
+    aligned : (N, P, 3) float64, mm
+        Gives the mean on which annulus and apex are found.
+    mesh : ModelMesh
+    """
+    shapes = frozen_floats(points, (len(ids), len(mesh.part), 3), "points of shapes")
+    axes = long_axes(aligned, mesh)
+    subjects = np.array([id.subject for id in ids])
+    rows: list[FloatArray | None] = [None] * len(ids)
+    columns: tuple[str, ...] = ()
+    for subject in dict.fromkeys(subjects.tolist()):
+        own = np.flatnonzero(subjects == subject)
+        found = clinical_measures(shapes[own], mesh, axes)
+        columns = tuple(found)
+        for row, index in enumerate(own):
+            rows[index] = np.array([values[row] for values in found.values()])
+    stacked = np.array([row for row in rows if row is not None]).reshape(len(ids), len(columns))
+    return ClinicalTable(tuple(ids), columns, stacked)
+
+
+def _plane(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit vectors (N, 3) that make a right-handed frame with normals (N, 3)."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit = normals / np.where(length > 0.0, length, 1.0)
+    helper = np.eye(3)[np.abs(unit).argmin(axis=1)]
+    across = np.cross(helper, unit)
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    across = across / np.where(size > 0.0, size, 1.0)
+    return across, np.cross(unit, across)

@@ -1,0 +1,321 @@
+"""Targets of a fit from files: meshes, curves, points, landmarks."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.errors import InputError, TopologyError
+from ostiform.fitting.types import (
+    CloudTarget,
+    ContourTarget,
+    LandmarkTarget,
+    SurfaceTarget,
+    Target,
+)
+from ostiform.study.markups import read_markups
+from ostiform.surface import MESH_SUFFIXES, RawMesh, boundary_loops, read_mesh
+from ostiform.surface.polylines import read_polylines
+from ostiform.surface.repair import MendedMesh, mended_mesh
+
+__all__ = ["FileRules", "TargetKind", "read_named_points", "read_targets"]
+
+TargetKind: TypeAlias = Literal["auto", "surface", "points", "contours", "landmarks"]
+
+TEXT_SUFFIXES = (".txt", ".csv", ".xyz", ".pts", ".asc", ".particles")
+CURVE_SUFFIXES = (".vtp", ".vtk")
+MM_PER_UNIT: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
+SEPARATORS = re.compile(r"[,;\s]+")
+
+
+@dataclass(frozen=True, slots=True)
+class FileRules:
+    """How to read targets.
+
+    Attributes
+    ----------
+    kind : {"auto", "surface", "points", "contours", "landmarks"}
+        What the files are; ``auto`` tells by what they hold.
+    units : {"mm", "cm", "m"}
+    frame : {"LPS", "RAS"}
+        Where a file does not state its own.
+    """
+
+    kind: TargetKind = "auto"
+    units: str = "mm"
+    frame: str = "LPS"
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for name, value, allowed in (
+            ("kind of a target", self.kind, get_args(TargetKind)),
+            ("units", self.units, tuple(MM_PER_UNIT)),
+            ("frame", self.frame, ("LPS", "RAS")),
+        ):
+            if value not in allowed:
+                raise InputError(f'{name}: expected one of {", ".join(allowed)}, found "{value}"')
+
+
+def read_targets(
+    names: Sequence[str],
+    parts: Sequence[str],
+    rules: FileRules,
+    openings: Mapping[str, FloatArray] | None = None,
+) -> tuple[Target, ...]:
+    """Read the targets of one fit.
+
+    Parameters
+    ----------
+    names : sequence of str
+        ``FILE``, or ``PART=FILE`` where the part of the model that it is, is known.
+    parts : sequence of str
+        Of the model.
+    rules : FileRules
+    openings : mapping of str to (3,) float64, optional
+        Rough positions of openings in mm (LPS) by full name: the boundary loop nearest to each is
+        that opening.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, damaged or of another kind, or a part is not of the model.
+    TopologyError
+        If a surface cannot be mended to an oriented manifold.
+    """
+    targets: list[Target] = []
+    for name in names:
+        part, path = _split(name, parts)
+        targets.append(_read(path, part, rules))
+    return _with_openings(targets, openings or {})
+
+
+def read_named_points(path: Path, rules: FileRules) -> tuple[tuple[str, ...], FloatArray]:
+    """Read labels and positions (n, 3) in mm (LPS): rows ``name x y z``, or Slicer Markups."""
+    if path.suffix.lower() == ".json":
+        points = read_markups(path).points
+        if not points:
+            raise InputError(f"{path}: expected labelled points, found none")
+        return tuple(points), np.array(list(points.values()))
+    labels: list[str] = []
+    rows: list[FloatArray] = []
+    for number, words in _rows(path):
+        if len(words) != 4:
+            raise InputError(
+                f"{path}, line {number}: expected a name and three numbers, found {len(words)} "
+                "columns"
+            )
+        labels.append(words[0])
+        rows.append(_numbers(path, number, words[1:]))
+    if not rows:
+        raise InputError(f"{path}: expected labelled points, found none")
+    return tuple(labels), np.array(rows) * _factors(rules, None)
+
+
+def _split(name: str, parts: Sequence[str]) -> tuple[str | None, Path]:
+    part, equals, rest = name.partition("=")
+    if equals and not Path(name).exists():
+        if part not in parts:
+            raise InputError(
+                f"{name}: expected FILE, or PART=FILE with a part among {', '.join(parts)}, found "
+                f"the part {part}"
+            )
+        return part, Path(rest)
+    return None, Path(name)
+
+
+def _read(path: Path, part: str | None, rules: FileRules) -> Target:
+    suffix = path.suffix.lower()
+    known = (*MESH_SUFFIXES, *TEXT_SUFFIXES, ".json")
+    if suffix not in known:
+        raise InputError(
+            f"{path}: expected a file ending in {', '.join(known)}, found {suffix or 'no ending'}"
+        )
+    if not path.is_file():
+        raise InputError(f"{path}: expected a file to fit to, found none: check the path")
+    if suffix == ".json":
+        return _from_markups(path, part, rules)
+    if suffix in TEXT_SUFFIXES:
+        return _from_text(path, part, rules)
+    if rules.kind == "contours":
+        return _from_curves(path, part, rules)
+    if rules.kind == "landmarks":
+        raise InputError(f"{path}: expected landmarks as text or Slicer Markups, found a mesh file")
+    try:
+        mesh = read_mesh(path)
+    except InputError:
+        if suffix in CURVE_SUFFIXES and rules.kind in ("auto", "points") and _has_curves(path):
+            return _from_curves(path, part, rules)
+        raise
+    vertices = mesh.vertices * _factors(rules, mesh.space)
+    if rules.kind == "points":
+        return CloudTarget(vertices, part)
+    return _surface(path, mesh, vertices, part)
+
+
+def _surface(path: Path, mesh: RawMesh, vertices: FloatArray, part: str | None) -> SurfaceTarget:
+    try:
+        mended = mended_mesh(MendedMesh(vertices, mesh.faces, np.arange(len(mesh.faces)), ()))
+        boundary_loops(mended.faces)
+    except TopologyError as error:
+        raise TopologyError(f"{path}: {error}") from None
+    used, faces = np.unique(mended.faces, return_inverse=True)
+    return SurfaceTarget(mended.vertices[used], faces.reshape(-1, 3), {}, part)
+
+
+def _has_curves(path: Path) -> bool:
+    try:
+        points, _, _ = read_polylines(path)
+    except InputError:
+        return False
+    return len(points) > 0
+
+
+def _from_curves(path: Path, part: str | None, rules: FileRules) -> Target:
+    points, curves, space = read_polylines(path)
+    placed = points * _factors(rules, space)
+    if not curves:
+        if rules.kind == "contours":
+            raise InputError(f"{path}: expected curves, found {len(points)} points and no line")
+        return CloudTarget(placed, part)
+    if rules.kind == "points":
+        return CloudTarget(placed, part)
+    return ContourTarget(tuple(placed[curve] for curve in curves), part)
+
+
+def _from_markups(path: Path, part: str | None, rules: FileRules) -> Target:
+    markups = read_markups(path)
+    curves = [cut.curve for cut in markups.cuts.values() if cut.curve is not None]
+    if rules.kind == "contours" or (rules.kind == "auto" and curves and not markups.points):
+        if not curves:
+            raise InputError(f"{path}: expected closed curves, found none")
+        closed = tuple(np.concatenate([curve, curve[:1]]) for curve in curves)
+        return ContourTarget(closed, part)
+    if not markups.points:
+        raise InputError(f"{path}: expected points or closed curves, found none")
+    positions = np.array(list(markups.points.values()))
+    if rules.kind == "points":
+        return CloudTarget(positions, part)
+    if rules.kind == "surface":
+        raise InputError(f"{path}: expected a mesh file, found Slicer Markups")
+    return LandmarkTarget(tuple(markups.points), positions)
+
+
+def _from_text(path: Path, part: str | None, rules: FileRules) -> Target:
+    rows = _rows(path)
+    if not rows:
+        raise InputError(f"{path}: expected rows of numbers, found none")
+    widths = {len(words) for _, words in rows}
+    if len(widths) > 1 or not widths <= {3, 4}:
+        raise InputError(
+            f"{path}: expected rows of x y z or of name x y z throughout, found rows of "
+            f"{', '.join(map(str, sorted(widths)))} columns"
+        )
+    width = widths.pop()
+    values = np.array([_numbers(path, number, words[-3:]) for number, words in rows])
+    values = values * _factors(rules, None)
+    labels = [words[0] for _, words in rows] if width == 4 else []
+    if rules.kind == "surface":
+        raise InputError(f"{path}: expected a mesh file, found text: it holds points")
+    if width == 4 and rules.kind in ("auto", "landmarks"):
+        return LandmarkTarget(tuple(labels), values)
+    if rules.kind == "landmarks":
+        raise InputError(f"{path}: expected rows of name x y z, found no names")
+    breaks = _breaks(rows, labels)
+    if rules.kind == "contours" or (rules.kind == "auto" and breaks):
+        return ContourTarget(tuple(np.split(values, breaks)), part)
+    return CloudTarget(values, part)
+
+
+def _breaks(rows: Sequence[tuple[int, list[str]]], labels: Sequence[str]) -> list[int]:
+    """Return where a new contour begins: after an empty line, or where the name changes."""
+    if labels:
+        return [k for k in range(1, len(rows)) if labels[k] != labels[k - 1]]
+    return [k for k in range(1, len(rows)) if rows[k][0] > rows[k - 1][0] + 1]
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Return the rows of a text file with their line numbers; a heading is left out."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: expected a text file, found: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: expected a text file, found other bytes") from None
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = [word for word in SEPARATORS.split(line.partition("#")[0].strip()) if word]
+        if words:
+            rows.append((number, words))
+    if rows and not all(_is_number(word) for word in rows[0][1][-3:]):
+        rows = rows[1:]
+    return rows
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(path: Path, number: int, words: Sequence[str]) -> FloatArray:
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        raise InputError(
+            f'{path}, line {number}: expected three numbers, found "{" ".join(words)[:60]}"'
+        ) from None
+    if not np.isfinite(values).all():
+        raise InputError(f"{path}, line {number}: expected finite numbers, found {words}")
+    return values
+
+
+def _factors(rules: FileRules, stated: str | None) -> FloatArray:
+    """Return what takes coordinates to mm in LPS."""
+    factors = np.full(3, MM_PER_UNIT[rules.units])
+    if (stated or rules.frame) == "RAS":
+        factors = factors * RAS_TO_LPS
+    return factors
+
+
+def _with_openings(
+    targets: Sequence[Target], openings: Mapping[str, FloatArray]
+) -> tuple[Target, ...]:
+    """Return the targets with the loop nearest to each rough position named."""
+    named: dict[tuple[int, int], str] = {}
+    loops: dict[tuple[int, int], IntArray] = {}
+    for number, target in enumerate(targets):
+        if isinstance(target, SurfaceTarget):
+            for k, loop in enumerate(boundary_loops(target.faces)):
+                loops[number, k] = np.asarray(loop)
+    for name, position in openings.items():
+        own = name.partition(".")[0]
+        best, least = None, np.inf
+        for key, loop in loops.items():
+            target = targets[key[0]]
+            if not isinstance(target, SurfaceTarget) or target.part not in (None, own):
+                continue
+            distance = float(np.linalg.norm(target.vertices[loop].mean(axis=0) - position))
+            if distance < least:
+                best, least = key, distance
+        if best is None:
+            raise InputError(f"opening {name}: expected a surface with a boundary, found none")
+        if best in named:
+            raise InputError(
+                f"opening {name}: expected a boundary loop of its own, found that {named[best]} "
+                "is nearest to the same"
+            )
+        named[best] = name
+    result: list[Target] = []
+    for number, target in enumerate(targets):
+        if isinstance(target, SurfaceTarget):
+            found = {name: loops[key] for key, name in named.items() if key[0] == number}
+            target = SurfaceTarget(target.vertices, target.faces, found, target.part)
+        result.append(target)
+    return tuple(result)

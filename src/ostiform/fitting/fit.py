@@ -1,0 +1,206 @@
+"""Fitting a model to data it has never seen: poses, shape, posterior, residues."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ostiform.arrays import FloatArray
+from ostiform.errors import InputError
+from ostiform.fitting.matching import with_openings_matched
+from ostiform.fitting.observations import (
+    KINDS,
+    Data,
+    model_surface,
+    observations,
+    prepared_data,
+    sparser,
+)
+from ostiform.fitting.posterior import posterior_of
+from ostiform.fitting.prior import FitPrior
+from ostiform.fitting.residues import measured_residues
+from ostiform.fitting.solver import (
+    STUDENT_DOF,
+    Rules,
+    Solution,
+    State,
+    independent_share,
+    placed_points,
+    solve,
+)
+from ostiform.fitting.starts import starting_poses
+from ostiform.fitting.types import (
+    FitSettings,
+    FitStatus,
+    ShapeFit,
+    Target,
+    all_positions,
+)
+from ostiform.fitting.typical import typicality
+
+__all__ = ["fit_shape"]
+
+COARSE = Rules(use_field=False, gated=False, stride=8, most_iterations=5)
+MIDDLE = Rules(use_field=False, gated=True, stride=2, most_iterations=6)
+FINE = Rules(use_field=True, gated=True, stride=1, most_iterations=12)
+COARSE_SAMPLES = 300
+FINALISTS = 2
+"""Poses that are fitted for longer before one is chosen."""
+
+LARGEST_RATIO = 8.0
+SMALLEST_RATIO = 1.0 / 100.0
+"""Sizes of data over that of the model beyond which the units must be wrong; a contour is small."""
+
+
+FEW_POINTS = 10
+"""So few points may lie together."""
+
+SURFACE_EDGES, SAMPLED_EDGES = 0.25, 1.0
+"""Share of the model's edge that data are expected to lie off its surface: for surfaces little,
+for points and contours, whose noise is theirs, more."""
+
+
+def fit_shape(
+    prior: FitPrior, targets: Sequence[Target], settings: FitSettings | None = None
+) -> ShapeFit:
+    """Fit a model to surfaces, points, contours and landmarks of one shape.
+
+    The posterior mean and covariance of shape and pose, given the data: Student-t noise of a scale
+    estimated for each kind of data, the modes with their variances, and the leftover field, which
+    stands for what new shapes have and the training shapes had not. Poses from several starts
+    (`starting_poses`) are fitted with the modes alone and compared by their posterior density; the
+    best is fitted in full. Deterministic.
+
+    Parameters
+    ----------
+    prior : FitPrior
+        From `fit_prior`; serves any number of fits.
+    targets : sequence of Target
+        All of the same shape and in the same frame, mm.
+    settings : FitSettings, optional
+
+    Raises
+    ------
+    InputError
+        If there is nothing to fit to, names are not the model's, or the data are of another size
+        than the model (wrong units).
+    TopologyError
+        If a target surface is no consistently oriented manifold.
+    """
+    chosen = FitSettings() if settings is None else settings
+    if not targets:
+        raise InputError("a fit: expected at least one target, found none")
+    data = prepared_data(prior, targets)
+    ratio = _checked_size(prior, targets)
+    poses = starting_poses(prior, data, chosen, ratio)
+    coarse = sparser(data, COARSE_SAMPLES)
+    runs = [solve(prior, coarse, State(pose, np.zeros(0)), chosen, COARSE) for pose in poses]
+    if len(runs) > 1:
+        order = np.argsort(_costs(prior, coarse, runs), kind="stable")[:FINALISTS]
+        runs = [solve(prior, coarse, runs[k].state, chosen, COARSE) for k in order]
+    best = runs[int(np.argmin(_costs(prior, coarse, runs)))]
+    data = _oriented(prior, data, best)
+    middle = solve(prior, sparser(data, 2 * COARSE_SAMPLES), best.state, chosen, MIDDLE)
+    data, openings = with_openings_matched(prior, data, placed_points(prior, middle.state))
+    final = solve(prior, data, middle.state, chosen, FINE)
+    posterior = posterior_of(prior, data, final, chosen)
+    points = placed_points(prior, final.state)[: len(prior.model.mean)]
+    normals, residue, residues = measured_residues(prior, data, points)
+    used = _kinds(data)
+    shape_of_mesh = SURFACE_EDGES if data.surfaces else SAMPLED_EDGES
+    expected = float(np.hypot(prior.deviation, shape_of_mesh * prior.edge))
+    covariance = posterior.point_covariance
+    return ShapeFit(
+        points=points,
+        pose=final.state.pose,
+        pose_sd=posterior.pose_sd,
+        scores=posterior.scores,
+        score_covariance=posterior.score_covariance,
+        point_covariance=covariance,
+        point_sd=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 3.0),
+        normal_sd=np.sqrt(np.einsum("pi,pij,pj->p", normals, covariance, normals)),
+        residue=residue,
+        residues=residues,
+        noise_mm={KINDS[kind]: float(final.noise[kind]) for kind in used},
+        outlier_share=posterior.outlier_share,
+        openings=openings,
+        typicality=typicality(
+            prior,
+            final.state.coefficients,
+            posterior.prior_covariance,
+            posterior.energy,
+            residues.median / expected,
+        ),
+        status=FitStatus.CONVERGED if final.has_settled else FitStatus.ITERATION_LIMIT,
+        iterations=final.iterations,
+    )
+
+
+def _checked_size(prior: FitPrior, targets: Sequence[Target]) -> float:
+    """Return the size of the data over the model's, in percentiles that outliers do not move."""
+    own = _extent(prior.model.mean)
+    positions = all_positions(targets)
+    ratio = _extent(positions) / own
+    if ratio > LARGEST_RATIO or (ratio < SMALLEST_RATIO and len(positions) > FEW_POINTS):
+        factor = 10.0 ** round(float(np.log10(max(ratio, 1e-12))))
+        raise InputError(
+            f"target: expected data in millimetres of about the model's size ({own:.3g} mm), found "
+            f"{ratio * own:.3g} mm, about {factor:g} times that: state the units of the file"
+        )
+    return ratio
+
+
+def _extent(points: FloatArray) -> float:
+    low, high = np.percentile(points, [12.0, 88.0], axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def _costs(prior: FitPrior, data: Data, runs: Sequence[Solution]) -> FloatArray:
+    """Return the negative logarithm of the posterior density of every run, up to a constant.
+
+    All runs share one noise, that of the best; data count with their distance from the surface,
+    the model's points only where the target has surface.
+    """
+    floor = float(np.hypot(prior.deviation, 0.5 * prior.edge))
+    seen = []
+    for run in runs:
+        points = placed_points(prior, run.state)
+        model = model_surface(prior, data, points)
+        seen.append(observations(prior, data, model, gated=False, stride=COARSE.stride))
+    noise = max(floor, min(float(np.median(item.distance)) for item in seen))
+    costs = []
+    for run, item in zip(runs, seen, strict=True):
+        share = independent_share(prior, item)
+        misfit = np.log1p((item.distance / noise) ** 2 / STUDENT_DOF)
+        likelihood = 0.5 * (STUDENT_DOF + 1.0) * share * float((item.weight * misfit).sum())
+        costs.append(likelihood + 0.5 * float((run.state.coefficients**2).sum()))
+    return np.array(costs)
+
+
+def _oriented(prior: FitPrior, data: Data, run: Solution) -> Data:
+    """Return the data with every surface told whether its faces run the other way round."""
+    model = model_surface(prior, data, placed_points(prior, run.state))
+    surfaces = []
+    for surface in data.surfaces:
+        _, nearest = _nearest_vertices(model.points[: len(model.normals)], surface.samples)
+        agree = np.einsum("ni,ni->n", model.normals[nearest], surface.sample_normals)
+        surfaces.append(replace(surface, sign=1.0 if float(agree.sum()) >= 0.0 else -1.0))
+    return replace(data, surfaces=tuple(surfaces))
+
+
+def _nearest_vertices(points: FloatArray, queries: FloatArray) -> tuple[FloatArray, np.ndarray]:
+    distance, index = cKDTree(points).query(queries)
+    return np.asarray(distance), np.asarray(index)
+
+
+def _kinds(data: Data) -> list[int]:
+    """Return the kinds of data that there are, as indices into `KINDS`."""
+    kinds = {item.kind for item in data.point_sets}
+    if data.surfaces:
+        kinds.add(KINDS.index("surface"))
+    if any(surface.rims for surface in data.surfaces):
+        kinds.add(KINDS.index("rims"))
+    if len(data.labelled.points) or data.labelled.on_rims:
+        kinds.add(KINDS.index("landmarks"))
+    return sorted(kinds)

@@ -1,0 +1,105 @@
+"""Compiled loops of the fit: rows of the linear problem, shapes from coefficients, normals."""
+
+import numpy as np
+from numba import njit
+
+from ostiform.arrays import FloatArray, IntArray
+
+__all__ = ["design_rows", "point_covariances", "vertex_normals"]
+
+
+@njit(cache=True)
+def design_rows(
+    modes: FloatArray,
+    field: FloatArray,
+    corners: IntArray,
+    barycentric: FloatArray,
+    directions: FloatArray,
+) -> FloatArray:
+    """Return how far points move along given directions per unit of every coefficient.
+
+    Parameters
+    ----------
+    modes : (Q, 3, K) float64, mm
+        Displacement of every point per unit of every mode's coefficient.
+    field : (Q, M) float64, mm
+        Displacement of every point, in each coordinate, per unit of the field's coefficients.
+    corners : (n, 3) int64
+        The points that a row's point is interpolated from.
+    barycentric : (n, 3) float64
+    directions : (n, 3) float64
+
+    Returns
+    -------
+    rows : (n, K + 3 M) float64
+        Coefficients K + 3 j + d belong to coordinate d of the field's function j.
+    """
+    n, n_modes, n_field = len(corners), modes.shape[2], field.shape[1]
+    rows = np.zeros((n, n_modes + 3 * n_field))
+    for i in range(n):
+        for c in range(3):
+            share = barycentric[i, c]
+            if share == 0.0:
+                continue
+            p = corners[i, c]
+            for d in range(3):
+                factor = share * directions[i, d]
+                for k in range(n_modes):
+                    rows[i, k] += factor * modes[p, d, k]
+                for j in range(n_field):
+                    rows[i, n_modes + 3 * j + d] += factor * field[p, j]
+    return rows
+
+
+@njit(cache=True)
+def point_covariances(rows: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return the covariance (n, 3, 3) of points from three rows each.
+
+    Parameters
+    ----------
+    rows : (3 n, C) float64
+        The three coordinates of each point per unit of every unknown.
+    spread : (3 n, C) float64
+        The rows times the covariance of the unknowns.
+    """
+    n = len(rows) // 3
+    covariances = np.zeros((n, 3, 3))
+    for p in range(n):
+        for a in range(3):
+            for b in range(a, 3):
+                total = 0.0
+                for c in range(rows.shape[1]):
+                    total += rows[3 * p + a, c] * spread[3 * p + b, c]
+                covariances[p, a, b] = total
+                covariances[p, b, a] = total
+    return covariances
+
+
+@njit(cache=True)
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the unit normal (V, 3) of every vertex, faces weighted by area; zero without any."""
+    normals = np.zeros((len(vertices), 3))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = (
+            vertices[b, 0] - vertices[a, 0],
+            vertices[b, 1] - vertices[a, 1],
+            vertices[b, 2] - vertices[a, 2],
+        )
+        vx, vy, vz = (
+            vertices[c, 0] - vertices[a, 0],
+            vertices[c, 1] - vertices[a, 1],
+            vertices[c, 2] - vertices[a, 2],
+        )
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for k in range(3):
+            v = faces[f, k]
+            normals[v, 0] += nx
+            normals[v, 1] += ny
+            normals[v, 2] += nz
+    for v in range(len(vertices)):
+        length = np.sqrt(normals[v, 0] ** 2 + normals[v, 1] ** 2 + normals[v, 2] ** 2)
+        if length > 0.0:
+            for d in range(3):
+                normals[v, d] /= length
+    return normals

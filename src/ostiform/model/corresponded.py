@@ -1,0 +1,131 @@
+"""Shapes in correspondence whatever brought them there: points, alignment and one mesh.
+
+A `Correspondence` of this program also knows the sphere that its template was drawn on; shapes
+whose correspondence was made elsewhere have no such sphere. Both are read from the same layout of
+``correspondence.h5`` (design 7), of which the sphere is an optional part.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.errors import InputError
+from ostiform.model.hdf5 import (
+    check_schema,
+    put_facts,
+    put_ids,
+    put_loops,
+    reading,
+    take_ids,
+    take_loops,
+    take_texts,
+    writing,
+)
+from ostiform.model.types import ModelMesh, check_weights
+from ostiform.study import ShapeId
+
+__all__ = ["CorrespondedShapes", "read_corresponded_shapes", "write_corresponded_shapes"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrespondedShapes:
+    """N shapes that share the order of their P points, and the mesh on them.
+
+    Attributes
+    ----------
+    ids : tuple of ShapeId
+    points : (N, P, 3) float64, mm
+        In each shape's own input coordinates.
+    aligned : (N, P, 3) float64, mm
+    transforms : (N, 4, 4) float64
+        From input to aligned coordinates (column vectors).
+    weights : (P,) float64
+        Positive, sum 1.
+    mesh : ModelMesh
+        May have no triangles.
+    """
+
+    ids: tuple[ShapeId, ...]
+    points: FloatArray
+    aligned: FloatArray
+    transforms: FloatArray
+    weights: FloatArray
+    mesh: ModelMesh
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        n, p = len(self.ids), len(self.mesh.part)
+        for name, shape in (
+            ("points", (n, p, 3)),
+            ("aligned", (n, p, 3)),
+            ("transforms", (n, 4, 4)),
+            ("weights", (p,)),
+        ):
+            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+        check_weights(self.weights)
+
+    def place_of(self, wanted: Sequence[ShapeId]) -> list[int]:
+        """Return the index of each wanted shape.
+
+        Raises
+        ------
+        InputError
+            If one is not there.
+        """
+        places = {(id.subject, id.phase): index for index, id in enumerate(self.ids)}
+        missing = [str(id) for id in wanted if (id.subject, id.phase) not in places]
+        if missing:
+            raise InputError(
+                f"shapes in correspondence: expected {missing[0]} among them, found "
+                f"{len(self.ids)} others"
+            )
+        return [places[id.subject, id.phase] for id in wanted]
+
+
+def write_corresponded_shapes(path: Path, shapes: CorrespondedShapes) -> None:
+    """Write shapes in the layout of design section 7, without the optional sphere.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be written.
+    InputError
+        If an opening's name cannot be the name of a dataset.
+    """
+    with writing(path) as file:
+        put_facts(file, shapes.mesh.parts)
+        for name in ("points", "aligned", "transforms", "weights"):
+            file.create_dataset(name, data=getattr(shapes, name))
+        for name in ("faces", "face_part", "part"):
+            file.create_dataset(name, data=getattr(shapes.mesh, name))
+        put_loops(file, shapes.mesh.loops)
+        put_ids(file, shapes.ids)
+
+
+def read_corresponded_shapes(path: Path) -> CorrespondedShapes:
+    """Read the shapes of a ``correspondence.h5``, with or without the sphere.
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing, damaged or of another kind or schema.
+    """
+    with reading(path, "a correspondence of ostiform") as file:
+        check_schema(file)
+        return CorrespondedShapes(
+            ids=take_ids(file),
+            points=file["points"][:],
+            aligned=file["aligned"][:],
+            transforms=file["transforms"][:],
+            weights=file["weights"][:],
+            mesh=ModelMesh(
+                faces=np.asarray(file["faces"][:]).reshape(-1, 3),
+                face_part=file["face_part"][:],
+                part=file["part"][:],
+                parts=take_texts(file.attrs["parts"]),
+                loops=take_loops(file),
+            ),
+        )

@@ -1,0 +1,267 @@
+"""A results folder from a correspondence that was made elsewhere.
+
+Artifacts: ``model.h5``, ``correspondence.h5`` and, where there are triangles, ``evaluation.json``,
+all three also in ``optimal/`` where the results of a build have them; ``scores.csv``,
+``volumes.csv``, ``meshes/mean.vtp`` and ``adopted.json`` (from what, and what was concluded).
+"""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ostiform.arrays import IntArray
+from ostiform.correspondence.alignment import AlignmentMode, align
+from ostiform.correspondence.description_length import cut_off_eigenvalue, description_length
+from ostiform.errors import InputError, TopologyError
+from ostiform.evaluation import (
+    Evaluation,
+    Fold,
+    Generalisation,
+    OriginalMesh,
+    PlacedFold,
+    cross_validated,
+    cross_validation_folds,
+    fold_residues,
+    model_compactness,
+    model_specificity,
+    shape_coverage,
+    write_evaluation,
+)
+from ostiform.exchange import OrderedShapes, write_scores_csv, write_volumes_csv
+from ostiform.model import (
+    CorrespondedShapes,
+    ShapeModel,
+    StoredModel,
+    fit_model,
+    project,
+    write_corresponded_shapes,
+    write_mean,
+    write_model,
+)
+from ostiform.pipeline.adopt_sources import SourceSettings, read_source
+from ostiform.pipeline.events import Note, Progress, Tell, Warn
+from ostiform.pipeline.store import Store, key_of
+from ostiform.study import ShapeId
+from ostiform.surface import median_edge_length, vertex_areas
+
+__all__ = ["Adopted", "adopt_shapes"]
+
+NOISE_OVER_EDGE = 0.2
+"""Noise per coordinate of a surface whose noise is not stated, over its median edge (design 5)."""
+FEWEST_SHAPES = 4
+SEED = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Adopted:
+    """What was made of a source.
+
+    Attributes
+    ----------
+    output : Path
+    shapes, points, modes : int
+    notes : tuple of str
+    """
+
+    output: Path
+    shapes: int
+    points: int
+    modes: int
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the summary as plain values."""
+        return {
+            "output": str(self.output),
+            "shapes": self.shapes,
+            "points": self.points,
+            "modes": self.modes,
+            "notes": list(self.notes),
+        }
+
+
+def adopt_shapes(
+    source: Path,
+    output: Path,
+    settings: SourceSettings,
+    alignment: AlignmentMode = "rigid",
+    per: Literal["subject", "shape"] | None = None,
+    tell: Tell | None = None,
+) -> Adopted:
+    """Build a results folder from shapes that correspond already.
+
+    The shapes are aligned, weighted by their mean area shares and analysed; subjects are left out
+    in turn as in a build (the correspondence itself was made with all of them, so its residues
+    flatter).
+
+    Parameters
+    ----------
+    source : Path
+        See `read_source`.
+    output : Path
+        Folder for the results; made if missing.
+    settings : SourceSettings
+    alignment : {"rigid", "similarity", "none"}
+    per : {"subject", "shape"}, optional
+        What one transform belongs to; by default the subject if any has several phases.
+    tell : callable, optional
+        Takes the events of the run.
+
+    Raises
+    ------
+    OstiformError
+        If the source cannot be used or an artifact cannot be written.
+    """
+    watch: Tell = tell or (lambda _: None)
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: expected a folder for the results, found a file")
+    watch(Progress("read", 0, 1))
+    found = read_source(source, settings)
+    watch(Progress("read", 1, 1))
+    shapes = corresponded(found, alignment, _groups(found.ids, per))
+    model = fit_model(shapes.aligned, shapes.weights, shapes.mesh)
+    stored = StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
+    notes = list(found.notes)
+    store = Store(output)
+    key = key_of("adopted", str(source), alignment, [str(id) for id in found.ids])
+    with store.writing("correspondence.h5", key) as path:
+        write_corresponded_shapes(path, shapes)
+    with store.writing("model.h5", key) as path:
+        write_model(path, stored)
+    _copied(store, "correspondence.h5", key)
+    _copied(store, "model.h5", key)
+    with store.writing("scores.csv", key) as path:
+        write_scores_csv(path, stored)
+    if len(shapes.mesh.faces):
+        notes += _write_surfaces(store, key, shapes, model, watch)
+    else:
+        notes.append("evaluation, volumes and meshes: not made, the points have no triangles")
+    for note in notes:
+        watch(Note(note))
+    facts = {
+        "source": str(source.resolve()),
+        "alignment": alignment,
+        "shapes": [[id.subject, id.phase, id.time] for id in shapes.ids],
+        "notes": notes,
+    }
+    store.write_json("failed.json", key, [])
+    store.write_json("adopted.json", key, facts)
+    return Adopted(output, len(shapes.ids), shapes.points.shape[1], len(model.modes), tuple(notes))
+
+
+def corresponded(
+    found: OrderedShapes, alignment: AlignmentMode, groups: IntArray
+) -> CorrespondedShapes:
+    """Return shapes aligned and weighted by their mean area shares (equally without triangles)."""
+    count = found.points.shape[1]
+    weights = np.full(count, 1.0 / count)
+    if len(found.mesh.faces):
+        areas = np.stack([vertex_areas(points, found.mesh.faces) for points in found.points])
+        weights = (areas / areas.sum(axis=1, keepdims=True)).mean(axis=0)
+        if (weights <= 0.0).any():
+            raise InputError(
+                "meshes: expected every vertex to belong to a triangle, found vertex "
+                f"{int(weights.argmin())} without area: remove such vertices from all files"
+            )
+        weights /= weights.sum()
+    aligned = align(found.points, weights, alignment, groups)
+    return CorrespondedShapes(
+        ids=found.ids,
+        points=found.points,
+        aligned=aligned.aligned,
+        transforms=aligned.transforms,
+        weights=weights,
+        mesh=found.mesh,
+    )
+
+
+def _groups(ids: Sequence[ShapeId], per: Literal["subject", "shape"] | None) -> IntArray:
+    names = [id.subject for id in ids]
+    if per is None:
+        per = "subject" if len(set(names)) < len(names) else "shape"
+    if per == "shape":
+        return np.arange(len(ids))
+    order = list(dict.fromkeys(names))
+    return np.array([order.index(name) for name in names], dtype=np.int64)
+
+
+def _copied(store: Store, name: str, key: str) -> None:
+    with store.writing(f"optimal/{name}", key) as path:
+        shutil.copyfile(store.path(name), path)
+
+
+def _write_surfaces(
+    store: Store, key: str, shapes: CorrespondedShapes, model: ShapeModel, tell: Tell
+) -> list[str]:
+    """Write what needs triangles, and return what could not be made."""
+    notes = []
+    with store.writing("meshes/mean.vtp", key) as path:
+        write_mean(path, model)
+    try:
+        with store.writing("volumes.csv", key) as path:
+            write_volumes_csv(path, shapes)
+    except (InputError, TopologyError) as error:
+        notes.append(f"volumes: not measured, {error}")
+    evaluation = _evaluation(shapes, model)
+    if evaluation.generalisation is None:
+        notes.append(f"generalisation: not measured, {len(shapes.ids)} shapes are too few")
+    with store.writing("evaluation.json", key) as path:
+        write_evaluation(path, evaluation)
+    _copied(store, "evaluation.json", key)
+    worst = min(item.smallest_share for item in evaluation.coverage)
+    if worst <= 0.0:
+        tell(Warn("some vertices have no area on some shapes"))
+    return notes
+
+
+def _evaluation(shapes: CorrespondedShapes, model: ShapeModel) -> Evaluation:
+    faces = shapes.mesh.faces
+    noise = NOISE_OVER_EDGE * float(
+        np.median([median_edge_length(points, faces) for points in shapes.points])
+    )
+    l_cut = cut_off_eigenvalue(noise, len(shapes.ids), shapes.points.shape[1])
+    originals = [OriginalMesh(points, faces) for points in shapes.points]
+    return Evaluation(
+        kind="optimal",
+        ids=shapes.ids,
+        compactness=model_compactness(model),
+        description_length=description_length(shapes.aligned, model.weights, l_cut),
+        l_cut=l_cut,
+        specificity=model_specificity(model, shapes.aligned, np.random.default_rng(SEED)),
+        coverage=tuple(
+            shape_coverage(original, points, points, faces)
+            for original, points in zip(originals, shapes.points, strict=True)
+        ),
+        generalisation=_generalisation(shapes, originals),
+        truth=None,
+    )
+
+
+def _generalisation(
+    shapes: CorrespondedShapes, originals: Sequence[OriginalMesh]
+) -> Generalisation | None:
+    if len(shapes.ids) < FEWEST_SHAPES:
+        return None
+    folds = cross_validation_folds(shapes.ids)
+
+    def placed(fold: Fold) -> Mapping[str, PlacedFold]:
+        train, test = list(fold.train), list(fold.test)
+        return {
+            "optimal": PlacedFold(
+                aligned=shapes.aligned[train],
+                weights=shapes.weights,
+                mesh=shapes.mesh,
+                points=shapes.points[test],
+                transforms=shapes.transforms[test],
+            )
+        }
+
+    residues = [
+        fold_residues(fold, placed, [originals[index] for index in fold.test])
+        for fold in folds.folds
+    ]
+    return cross_validated(folds, residues)["optimal"]

@@ -1,0 +1,89 @@
+"""The further columns of a study's sheet, kept beside its results.
+
+Artifact: ``covariates.csv``, one row per shape of the model: subject, phase, and the columns.
+"""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+from ostiform.errors import ArtifactError, InputError
+from ostiform.model import StoredModel
+from ostiform.pipeline.run import Run
+from ostiform.pipeline.store import key_of
+from ostiform.study.sheet import read_sheet
+
+__all__ = ["COVARIATES", "read_covariates", "write_covariates"]
+
+COVARIATES = "covariates.csv"
+
+Rows = list[tuple[str, Mapping[str, str]]]
+
+
+def write_covariates(run: Run) -> None:
+    """Write what the sheet says about every shape of a study beyond its files, if anything."""
+    entries = run.study.entries
+    columns = list(dict.fromkeys(name for entry in entries for name in entry.covariates))
+    if not columns:
+        run.store.remove(COVARIATES)
+        return
+    rows = [
+        [entry.id.subject, entry.id.phase, *(entry.covariates.get(name, "") for name in columns)]
+        for entry in entries
+    ]
+    key = key_of("covariates", columns, rows)
+    if run.store.is_current(COVARIATES, key):
+        return
+    with (
+        run.store.writing(COVARIATES, key) as path,
+        path.open("w", encoding="utf-8", newline="") as stream,
+    ):
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["subject", "phase", *columns])
+        writer.writerows(rows)
+
+
+def read_covariates(
+    results: Path, sheet: Path | None, stored: StoredModel, phase: str | None
+) -> Rows:
+    """Return what is known about the subjects of a model: (subject, cells) per row.
+
+    Parameters
+    ----------
+    results : Path
+        A folder of results.
+    sheet : Path or None
+        A CSV or XLSX file with a column ``subject``, and ``phase`` where rows differ by it; the
+        columns kept with the results if absent.
+    stored : StoredModel
+    phase : str or None
+        Rows of other phases are left out, where the sheet says the phase.
+
+    Raises
+    ------
+    InputError
+        If the sheet is wrong or says nothing about any subject of the model.
+    ArtifactError
+        If there is no sheet and the results hold none.
+    """
+    path = results / COVARIATES if sheet is None else sheet
+    if sheet is None and not path.is_file():
+        raise ArtifactError(
+            f"{path}: expected the further columns of the study's sheet, found no such file; add "
+            "columns to the sheet and run `ostiform build` again, or name a sheet with --sheet"
+        )
+    rows = read_sheet(path, ())
+    phases = {id.phase for id in stored.ids}
+    says_phase = any(row.phase in phases for row in rows) and len({r.phase for r in rows}) > 1
+    subjects = {id.subject for id in stored.ids}
+    found: Rows = [
+        (row.subject, row.covariates)
+        for row in rows
+        if row.subject in subjects and (phase is None or not says_phase or row.phase == phase)
+    ]
+    if not found:
+        raise InputError(
+            f"{path}: expected rows of the model's subjects ({', '.join(sorted(subjects)[:3])}, "
+            f"...), found {', '.join(sorted({row.subject for row in rows})[:3]) or 'no rows'}"
+        )
+    return found

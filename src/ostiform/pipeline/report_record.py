@@ -1,0 +1,210 @@
+"""What a report says about a run beyond its other artifacts: ``run.json``.
+
+With it the report can be made again when the study and its meshes are elsewhere.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ostiform import __version__
+from ostiform.errors import ArtifactError
+from ostiform.pipeline.run import Failure, Ready, Run
+from ostiform.pipeline.store import Store, file_hash, key_of
+from ostiform.study import ShapeId
+
+__all__ = [
+    "InputFile",
+    "RunRecord",
+    "after",
+    "changed_inputs",
+    "read_record",
+    "recorded_inputs",
+    "write_record",
+]
+
+RECORD = "run.json"
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class InputFile:
+    """A file that a run has read.
+
+    Attributes
+    ----------
+    shape : str
+        The shape it belongs to.
+    role : str
+        The part it holds, or ``"cuts"``.
+    path : str
+        As the study names it, below the folder of the study where it lies there.
+    sha256 : str
+    """
+
+    shape: str
+    role: str
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """What was run.
+
+    Attributes
+    ----------
+    version : str
+        Of this program, when the model was built.
+    title : str
+        Of the study.
+    study : str
+        Path of the study file when it was run.
+    study_sha256 : str
+    settings : mapping of str to any
+        All settings, as plain values.
+    entries : int
+        Shapes of the study.
+    shapes : tuple of Ready
+        The shapes in the model.
+    failures : tuple of Failure
+    repairs : mapping of str to tuple of str
+        What was changed on reading, by artifact name.
+    warnings : tuple of str
+    seconds : mapping of str to float
+        Wall time of each stage, the last time that it did its work.
+    files : tuple of InputFile
+    domain_key, correspondence_key : str
+        Hashes of what the base domain and the correspondence were made from.
+    """
+
+    version: str
+    title: str
+    study: str
+    study_sha256: str
+    settings: Mapping[str, Any]
+    entries: int
+    shapes: tuple[Ready, ...]
+    failures: tuple[Failure, ...]
+    repairs: Mapping[str, tuple[str, ...]]
+    warnings: tuple[str, ...]
+    seconds: Mapping[str, float]
+    files: tuple[InputFile, ...]
+    domain_key: str
+    correspondence_key: str
+
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """The parts in study order."""
+        return tuple(self.settings["parts"])
+
+
+def recorded_inputs(run: Run) -> tuple[InputFile, ...]:
+    """Return the files that the shapes of a study are read from, with their hashes.
+
+    Files that are missing are left out: the reason is among the failures of the run.
+    """
+    folder = run.study.path.parent
+    found = []
+    for entry in run.study.entries:
+        paths = dict(entry.files) | ({} if entry.cuts is None else {"cuts": entry.cuts})
+        found += [
+            InputFile(str(entry.id), role, _below(path, folder), file_hash(path))
+            for role, path in paths.items()
+            if path.is_file()
+        ]
+    return tuple(found)
+
+
+def write_record(store: Store, record: RunRecord) -> None:
+    """Write the record of a run."""
+    facts = {"schema": SCHEMA, **asdict(record)}
+    store.write_json(RECORD, key_of("run", record.correspondence_key), facts)
+
+
+def read_record(store: Store) -> RunRecord | None:
+    """Return the record of the run that filled a folder; None where no run has got so far.
+
+    Raises
+    ------
+    ArtifactError
+        If the record is damaged or of another schema.
+    """
+    if not store.path(RECORD).is_file():
+        return None
+    facts = store.read_json(RECORD)
+    try:
+        if facts.pop("schema") != SCHEMA:
+            raise ValueError("another schema")
+        return RunRecord(
+            **facts
+            | {
+                "shapes": tuple(Ready(**_identified(item)) for item in facts["shapes"]),
+                "failures": tuple(Failure(**_identified(item)) for item in facts["failures"]),
+                "repairs": {name: tuple(said) for name, said in facts["repairs"].items()},
+                "warnings": tuple(facts["warnings"]),
+                "files": tuple(InputFile(**item) for item in facts["files"]),
+            }
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ArtifactError(
+            f"{store.path(RECORD)}: expected the record of a run of Ostiform {__version__}, found "
+            f"{error!r}; run `ostiform build` on this output folder"
+        ) from error
+
+
+def changed_inputs(record: RunRecord, study_path: Path) -> tuple[list[str], list[str]]:
+    """Return the input files of a run that are no longer the same, and those that are gone.
+
+    Parameters
+    ----------
+    record : RunRecord
+    study_path : Path
+        Where the study file is, or was.
+    """
+    stated = [(study_path, record.study_sha256)]
+    stated += [(study_path.parent / file.path, file.sha256) for file in record.files]
+    changed = [str(path) for path, sha256 in stated if path.is_file() and file_hash(path) != sha256]
+    return changed, [str(path) for path, _ in stated if not path.is_file()]
+
+
+def after(earlier: RunRecord | None, now: RunRecord) -> RunRecord:
+    """Return the record of a run that found some of its work done by an earlier run.
+
+    What the earlier run did and said still holds for what was found done: the times of its
+    stages, its warnings, and its repairs of the shapes that were not read again.
+    """
+    if earlier is None:
+        return now
+    keys = {shape.name: shape.key for shape in earlier.shapes}
+    kept = {
+        shape.name: earlier.repairs[shape.name]
+        for shape in now.shapes
+        if shape.name in earlier.repairs and keys.get(shape.name) == shape.key
+    }
+    same = earlier.correspondence_key == now.correspondence_key
+    seconds = dict(now.seconds)
+    if same:
+        seconds = {
+            stage: max(earlier.seconds.get(stage, 0.0), now.seconds.get(stage, 0.0))
+            for stage in {**earlier.seconds, **now.seconds}
+        }
+    return replace(
+        now,
+        repairs={**kept, **now.repairs},
+        warnings=tuple(dict.fromkeys((*(earlier.warnings if same else ()), *now.warnings))),
+        seconds=seconds,
+    )
+
+
+def _below(path: Path, folder: Path) -> str:
+    try:
+        return path.resolve().relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return str(path.resolve())
+
+
+def _identified(facts: Mapping[str, Any]) -> dict[str, Any]:
+    stored = facts["id"]
+    return {**facts, "id": ShapeId(stored["subject"], stored["phase"], stored["time"])}

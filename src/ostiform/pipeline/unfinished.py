@@ -1,0 +1,66 @@
+"""Where the sweeps of a correspondence stand, on disk while they go on: a kill costs little.
+
+Artifacts: ``unfinished/NAME-level-N.npz``, removed when the stage that they belong to is done.
+"""
+
+import time
+from dataclasses import dataclass
+
+from ostiform.correspondence import LevelState
+from ostiform.pipeline.arrays_file import read_level_state, write_level_state
+from ostiform.pipeline.store import Store
+
+__all__ = ["Unfinished"]
+
+FOLDER = "unfinished"
+
+REST = 20.0
+"""Times as long as the last write took, nothing is written: so writing costs 5 % at most."""
+
+
+@dataclass(slots=True)
+class Unfinished:
+    """The sweeps of one correspondence.
+
+    Attributes
+    ----------
+    store : Store
+    name : str
+        Path segment that no other correspondence of the folder has.
+    key : str
+        Hash of everything that the correspondence is made from.
+    """
+
+    store: Store
+    name: str
+    key: str
+    _next_write: float = 0.0
+
+    def begun(self) -> tuple[LevelState, ...]:
+        """Return where an earlier run of this correspondence stood; empty where there was none."""
+        states: list[LevelState] = []
+        while not states or states[-1].status is not None:
+            artifact = self._artifact(len(states) + 1)
+            state = self.store.read_current(artifact, self.key, read_level_state)
+            if state is None:
+                break
+            states.append(state)
+        return tuple(states)
+
+    def keep(self, state: LevelState) -> None:
+        """Write the state at the end of a level, and between where it costs little."""
+        start = time.monotonic()
+        if state.status is None and start < self._next_write:
+            return
+        with self.store.writing(self._artifact(state.level), self.key) as path:
+            write_level_state(path, state)
+        end = time.monotonic()
+        self._next_write = end + REST * (end - start)
+
+    def remove(self) -> None:
+        """Remove the states of all levels."""
+        for path in self.store.path(FOLDER).glob(f"{self.name}-level-*.npz"):
+            self.store.remove(f"{FOLDER}/{path.name}")
+
+    def _artifact(self, level: int) -> str:
+        return f"{FOLDER}/{self.name}-level-{level}.npz"

@@ -1,0 +1,222 @@
+"""The dependence of shape on a covariate as a surface map, and how sure it is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from ostiform.arrays import BoolArray, FloatArray
+from ostiform.model import ShapeModel
+from ostiform.report.html import Fact, Page, Picture, Section, Table
+from ostiform.report.modes import extents_of, model_views
+from ostiform.report.shading import View, draw_raster, draw_visible_curves, shaded_surface
+from ostiform.report.style import COLOURS, PRINT_DPI, figure, plain_figure, styled
+from ostiform.statistics import ScoreTest, ShapeEffect
+
+__all__ = ["effect_figure", "effect_page", "null_figure"]
+
+PANEL_MM = 36.0
+LABEL_MM = 30.0
+"""Strip at the right of each row for its colour bar."""
+TITLE_MM = 8.0
+GREY = np.array([0.86, 0.87, 0.88])
+FADED = 0.88
+"""How far a point that was not found is faded into grey."""
+OUTWARD_MAP = "RdBu_r"
+MOVEMENT_MAP = "cividis"
+Q_MAP = "Blues_r"
+SMALLEST_Q = 1e-4
+"""The lower end of the scale of q-values."""
+
+FOUND_LEVEL = 0.05
+RIM = "#1b2733"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """One map: values (P,), their colours, and which points are shown in full."""
+
+    label: str
+    values: FloatArray
+    colour_map: str
+    limits: tuple[float, float]
+    kept: BoolArray | None
+
+    def corner_colours(self, model: ShapeModel) -> FloatArray:
+        """Return the colours (F, 3, 3) of the triangles' corners."""
+        colours: FloatArray = colormaps[self.colour_map](Normalize(*self.limits)(self.values))
+        colours = colours[:, :3]
+        if self.kept is not None:
+            colours[~self.kept] = (1.0 - FADED) * colours[~self.kept] + FADED * GREY
+        corners: FloatArray = colours[model.mesh.faces]
+        return corners
+
+
+def effect_figure(model: ShapeModel, effect: ShapeEffect, column: int = 0) -> Figure:
+    """Draw where and how far the surface moves, from four sides.
+
+    The movement along the outward normal and the whole movement, per unit of the covariate, grey
+    where the q-value is above 0.05; below them the q-value.
+
+    Parameters
+    ----------
+    model : ShapeModel
+        Gives the mesh.
+    effect : ShapeEffect
+    column : int
+        Of the design: which category against the reference.
+    """
+    views = _all_round(model)
+    outward = effect.normal_coefficients[column]
+    movement = np.linalg.norm(effect.coefficients[column], axis=1)
+    found = effect.points.q_value <= FOUND_LEVEL
+    q_scale = np.log10(np.clip(effect.points.q_value, SMALLEST_Q, 1.0))
+    reach, most = (
+        max(float(np.abs(values).max()), np.finfo(np.float64).tiny)
+        for values in (outward, movement)
+    )
+    unit = "mm" if effect.covariate.is_categorical else "mm per unit"
+    rows = (
+        _Row(f"outward movement\n({unit})", outward, OUTWARD_MAP, (-reach, reach), found),
+        _Row(f"movement\n({unit})", movement, MOVEMENT_MAP, (0.0, most), found),
+        _Row("q-value", q_scale, Q_MAP, (np.log10(SMALLEST_Q), 0.0), None),
+    )
+    extents = extents_of(views, [effect.shape_mean])
+    height = PANEL_MM * float((extents[0, 3] - extents[0, 2]) / (extents[0, 1] - extents[0, 0]))
+    size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
+    wide, high = PANEL_MM * len(views) + LABEL_MM, height * len(rows) + TITLE_MM
+    with styled():
+        drawing = plain_figure(wide, high)
+        for number, row in enumerate(rows):
+            colours = row.corner_colours(model)
+            bottom = (len(rows) - 1 - number) * height
+            for column, (view, extent) in enumerate(zip(views, extents, strict=True)):
+                box = (column * PANEL_MM / wide, bottom / high, PANEL_MM / wide, height / high)
+                axes = drawing.add_axes(box)
+                picture = shaded_surface(
+                    view, effect.shape_mean, model.mesh.faces, colours, extent, size
+                )
+                draw_raster(axes, picture)
+                loops = [effect.shape_mean[loop] for loop in model.mesh.loops.values()]
+                draw_visible_curves(axes, picture, view, loops, RIM, 0.6)
+                if number == 0:
+                    axes.set_title(view.name, pad=2.0)
+            left = PANEL_MM * len(views) + 0.15 * LABEL_MM
+            bar = drawing.add_axes(
+                (left / wide, (bottom + 0.15 * height) / high, 3.0 / wide, 0.7 * height / high)
+            )
+            scale = ScalarMappable(Normalize(*row.limits), row.colour_map)
+            drawing.colorbar(scale, cax=bar, label=row.label)
+            bar.grid(visible=False)
+            if row.kept is None:
+                ticks = np.array([-4.0, -3.0, -2.0, np.log10(FOUND_LEVEL), 0.0])
+                bar.set_yticks(ticks, [f"{10.0**tick:g}" for tick in ticks])
+    return drawing
+
+
+def null_figure(test: ScoreTest) -> Figure:
+    """Draw the statistic of the whole shape among those of the permutations."""
+    with styled():
+        drawing = figure(90.0, 55.0)
+        axes = drawing.subplots()
+        axes.hist(test.null, bins=40, color="#9FB3C2")
+        axes.axvline(test.statistic, color=COLOURS["euclidean"], linewidth=2.0)
+        axes.set_xlabel("T² of the data (line) and of the permutations")
+        axes.set_ylabel("permutations")
+    return drawing
+
+
+def effect_page(
+    model: ShapeModel,
+    effect: ShapeEffect,
+    subtitle: str,
+    notes: Sequence[str] = (),
+    warnings: Sequence[str] = (),
+) -> Page:
+    """Return a report of one effect.
+
+    Parameters
+    ----------
+    model : ShapeModel
+    effect : ShapeEffect
+    subtitle : str
+    notes : sequence of str
+        What was tested, one sentence each.
+    warnings : sequence of str
+    """
+    whole, points = effect.whole, effect.points
+    q_share = float((points.q_value <= FOUND_LEVEL) @ model.weights)
+    family_share = float((points.family_p_value <= FOUND_LEVEL) @ model.weights)
+    facts = (
+        Fact("whole shape, p", _p_text(whole.p_value), note=f"{len(whole.null)} permutations"),
+        Fact("of the variance explained", f"{100 * whole.explained:.1f} %"),
+        Fact("of the surface found", f"{100 * q_share:.0f} %", note="q at most 0.05"),
+        Fact("of the surface found", f"{100 * family_share:.0f} %", note="max-T p at most 0.05"),
+    )
+    pictures = [
+        Picture(
+            f"effect{column + 1}" if len(effect.design.names) > 1 else "effect",
+            effect_figure(model, effect, column),
+            f"{name}. From above: movement along the outward normal, whole movement (both grey "
+            "where q is above 0.05), q-value of every point.",
+            f"Surface map of the effect of {name}: the movement along the normal is between "
+            f"{effect.normal_coefficients[column].min():.2f} and "
+            f"{effect.normal_coefficients[column].max():.2f} mm per unit.",
+            is_vector=False,
+        )
+        for column, name in enumerate(effect.design.names)
+    ]
+    null = Picture(
+        "null",
+        null_figure(whole),
+        "The statistic of the whole shape (line) among those of permuted subjects.",
+        f"Histogram of {len(whole.null)} permuted statistics; the one of the data is "
+        f"{whole.statistic:.3g}, p {_p_text(whole.p_value)}.",
+    )
+    return Page(
+        title=f"Shape and {effect.covariate.name}",
+        subtitle=subtitle,
+        facts=facts,
+        sections=(
+            Section("where", "Where the shapes differ", tuple(notes), tuple(pictures)),
+            Section("whether", "Whether they differ", (), (null,), (_table(effect),)),
+        ),
+        warnings=tuple(warnings),
+    )
+
+
+def _table(effect: ShapeEffect) -> Table:
+    whole = effect.whole
+    return Table(
+        "The test of the whole shape.",
+        ("quantity", "value"),
+        (
+            ("T²", f"{whole.statistic:.4g}"),
+            ("p-value", _p_text(whole.p_value)),
+            ("modes", f"{whole.n_modes}, {100 * whole.variance_share:.0f} % of the variance"),
+            ("shrinkage of the covariance", f"{whole.shrinkage:.2f}"),
+            ("subjects", f"{len(effect.covariate.values)}"),
+            ("degrees of freedom of the noise", f"{effect.design.degrees}"),
+            ("adjusted for", ", ".join(effect.design.adjusted) or "nothing"),
+        ),
+    )
+
+
+def _p_text(p_value: float) -> str:
+    return f"{p_value:.4f}" if p_value >= 0.001 else f"{p_value:.1e}"
+
+
+def _all_round(model: ShapeModel) -> tuple[View, ...]:
+    """Return the two views of a model and those from behind them."""
+    behind = np.array([-1.0, 1.0, -1.0])[:, None]
+    front, side = model_views(model)
+    return (
+        front,
+        side,
+        View(behind * front.axes, "back"),
+        View(behind * side.axes, "other side"),
+    )

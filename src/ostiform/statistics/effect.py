@@ -1,0 +1,178 @@
+"""The dependence of shape on a covariate: whether, where, and what it looks like."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.errors import InputError
+from ostiform.model import ShapeModel, reconstruct
+from ostiform.statistics.covariates import Covariate
+from ostiform.statistics.design import Design, design_of, permutations
+from ostiform.statistics.points import Movement, PointTest, point_test
+from ostiform.statistics.scores import ScoreTest, score_test
+from ostiform.statistics.units import SubjectShapes
+from ostiform.surface import face_normals
+
+__all__ = ["EffectSettings", "ShapeEffect", "normal_movement", "point_normals", "shape_effect"]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectSettings:
+    """How an effect is tested.
+
+    Attributes
+    ----------
+    permutations : int
+    seed : int
+    movement : str
+        ``"any"`` tests the three coordinates of every point, ``"normal"`` its movement along the
+        normal of the mean shape.
+    modes : int or None
+        Modes of the test of the whole shape; None chooses (see `score_test`).
+    shrinkage : float or None
+        Of the covariance; None chooses.
+    """
+
+    permutations: int = 9999
+    seed: int = 0
+    movement: Movement = "any"
+    modes: int | None = None
+    shrinkage: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeEffect:
+    """What was found out about one covariate.
+
+    Attributes
+    ----------
+    covariate : Covariate
+        The one under test, of the S subjects.
+    design : Design
+    shape_mean : (P, 3) float64, mm
+        The mean of the subjects.
+    whole : ScoreTest
+        Of the whole shape.
+    points : PointTest
+        Of every point.
+    coefficients : (q, P, 3) float64, mm per unit of each column of the design
+        The difference to the reference category, or the change per unit of the covariate.
+    normal_coefficients : (q, P) float64, mm per unit
+        Their components along the outward normal of the mean of the subjects.
+    """
+
+    covariate: Covariate
+    design: Design
+    shape_mean: FloatArray
+    whole: ScoreTest
+    points: PointTest
+    coefficients: FloatArray
+    normal_coefficients: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays and make them read-only."""
+        columns, count = len(self.design.names), len(self.points.statistic)
+        for name, shape in (
+            ("shape_mean", (count, 3)),
+            ("coefficients", (columns, count, 3)),
+            ("normal_coefficients", (columns, count)),
+        ):
+            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+
+    def shape_at(self, value: float | str) -> FloatArray:
+        """Return the fitted shape (P, 3) in mm at a value, or of a category, of the covariate.
+
+        What is adjusted for is at its mean over the subjects.
+
+        Raises
+        ------
+        InputError
+            If a category is unknown.
+        """
+        columns = self.covariate.columns()[0]
+        if isinstance(value, str):
+            if value not in self.covariate.levels:
+                raise InputError(
+                    f'covariate "{self.covariate.name}": expected one of '
+                    f"{', '.join(self.covariate.levels) or 'numbers'}, found {value}"
+                )
+            row = np.arange(1, len(self.covariate.levels)) == self.covariate.levels.index(value)
+        else:
+            row = np.array([value - self.covariate.values.mean()])
+        shape: FloatArray = self.shape_mean + np.tensordot(
+            row - columns.mean(axis=0), self.coefficients, axes=1
+        )
+        return shape
+
+
+def shape_effect(
+    model: ShapeModel,
+    shapes: SubjectShapes,
+    covariate: Covariate,
+    adjusted: Sequence[Covariate] = (),
+    settings: EffectSettings | None = None,
+) -> ShapeEffect:
+    """Test whether and where shape depends on a covariate, adjusted for others.
+
+    A group difference is the dependence on a categorical covariate.
+
+    Parameters
+    ----------
+    model : ShapeModel
+        Whose scores the subjects' shapes are given in.
+    shapes : SubjectShapes
+    covariate : Covariate
+        Of the same subjects in the same order.
+    adjusted : sequence of Covariate
+    settings : EffectSettings, optional
+
+    Raises
+    ------
+    InputError
+        If the covariates do not fit the subjects or each other, or there are too few subjects.
+    """
+    settings = EffectSettings() if settings is None else settings
+    for each in (covariate, *adjusted):
+        if len(each.values) != len(shapes.subjects):
+            raise InputError(
+                f'covariate "{each.name}": expected one value for each of {len(shapes.subjects)} '
+                f"subjects, found {len(each.values)}"
+            )
+    if settings.movement not in ("any", "normal"):
+        raise InputError(f'movement: expected "any" or "normal", found "{settings.movement}"')
+    design = design_of(covariate, adjusted)
+    rng = np.random.default_rng(settings.seed)
+    orders = permutations(len(shapes.subjects), settings.permutations, rng)
+    positions = reconstruct(model, shapes.scores)  # (S, P, 3)
+    mean = positions.mean(axis=0)
+    normals = point_normals(mean, model)
+    along = normal_movement(positions, mean, normals)
+    tested = positions - mean if settings.movement == "any" else along[:, :, None]
+    coefficients = design.coefficients(positions)
+    return ShapeEffect(
+        covariate=covariate,
+        design=design,
+        shape_mean=mean,
+        whole=score_test(shapes.scores, design, orders, settings.modes, settings.shrinkage),
+        points=point_test(tested, design, orders),
+        coefficients=coefficients,
+        normal_coefficients=np.einsum("qpi,pi->qp", coefficients, normals),
+    )
+
+
+def point_normals(shape: FloatArray, model: ShapeModel) -> FloatArray:
+    """Return the outward unit normals (P, 3) of a shape: the mean over the triangles of a point."""
+    faces = model.mesh.faces
+    sums = np.zeros_like(shape)
+    np.add.at(sums, faces.ravel(), np.repeat(face_normals(shape, faces), 3, axis=0))
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    normals: FloatArray = sums / np.where(lengths > 0.0, lengths, 1.0)
+    return normals
+
+
+def normal_movement(positions: FloatArray, mean: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return how far (S, P) in mm shapes (S, P, 3) lie from a mean along its normals."""
+    moved: FloatArray = np.einsum("spi,pi->sp", positions - mean, normals)
+    return moved

@@ -1,0 +1,56 @@
+"""`ostiform predict`: a cycle from the file of a phase, and what it says when it cannot."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from populations import population, two_part_template
+
+from ostiform.cli.predict import predict
+from ostiform.model import StoredModel, fit_model, mesh_of_template, project, write_model
+from ostiform.surface import write_surface
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("predict")
+    shapes = population(4, 5, np.random.default_rng(1), two_part_template(9, 16))
+    model = fit_model(shapes.aligned[:15], shapes.weights, mesh_of_template(shapes.template))
+    scores = project(model, shapes.aligned[:15])
+    write_model(folder / "model.h5", StoredModel(model, scores, shapes.ids[:15], shapes.template))
+    write_surface(folder / "unseen.vtp", shapes.aligned[15], model.mesh.faces)
+    return folder
+
+
+def test_a_phase_in_correspondence_becomes_a_cycle_with_its_numbers(files, tmp_path, capsys):
+    code = predict(
+        files / "model.h5", str(files / "unseen.vtp"), times="0", frames=4, output=tmp_path
+    )
+    assert code == 0
+    said = capsys.readouterr()
+    assert "the prior is weak" in said.err
+    assert "points in correspondence" in said.out
+    facts = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
+    assert facts["training_subjects"] == 3
+    assert facts["mean_sd_mm"][0] < 1e-2 < facts["mean_sd_mm"][2]
+    assert sorted(path.name for path in tmp_path.glob("*.vtp")) == [
+        f"phase_{index:04d}.vtp" for index in (0, 2500, 5000, 7500)
+    ]
+    with (tmp_path / "clinical.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert float(rows[2]["LV_volume_ml"]) < float(rows[0]["LV_volume_ml"])  # systole
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"times": "0,0.5"}, "a time for each"),
+        ({"times": "now"}, "numbers with commas"),
+        ({"frames": 0}, "at least 1"),
+    ],
+)
+def test_wrong_requests_are_refused_in_a_sentence(files, tmp_path, capsys, changes, message):
+    arguments = {"times": "0", "frames": 4, "output": tmp_path, **changes}
+    assert predict(files / "model.h5", str(files / "unseen.vtp"), **arguments) == 2
+    assert message in capsys.readouterr().err

@@ -1,0 +1,142 @@
+"""Shape by shape: who stands out, in what order, and the kink across seams after the warps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from populations import population, two_part_template
+
+from ostiform.domain import BaseDomain, Circle, Sphere
+from ostiform.embedding import Certificate, Distortion
+from ostiform.evaluation import Coverage, evaluate_model, left_out_point_residues
+from ostiform.evaluation.generalisation import OriginalMesh
+from ostiform.model import StoredModel, fit_model, mesh_of_template, project
+from ostiform.report import FailedShape, MapRecord, quality_section, sampled_kinks
+from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, ComponentRecord
+from ostiform.report.quality import FLAGGED_ABOVE, MOST_PICTURES, flagged_measures, modified_scores
+from ostiform.surface import Seam, Surface
+
+SEAM = Seam("LV.mitral", "LA.mitral")
+
+
+def test_modified_scores_are_those_of_a_normal_sample_and_ignore_an_outlier():
+    sample = 10.0 + np.random.default_rng(1).normal(size=20_000)
+    np.testing.assert_allclose(modified_scores(sample), sample - 10.0, atol=0.1)
+    spoiled = np.append(sample, 1e6)
+    assert modified_scores(spoiled)[-1] > 1e5
+    np.testing.assert_allclose(modified_scores(spoiled)[:-1], modified_scores(sample), atol=0.01)
+
+
+def test_a_population_all_alike_has_no_outlier():
+    values = np.array([1.0, 1.0, 1.0, 1.0, 1.01])
+    assert not flagged_measures(modified_scores(values)[:, None]).any()
+    assert not flagged_measures(modified_scores(np.zeros(5))[:, None]).any()
+
+
+def test_three_shapes_have_no_outlier():
+    assert not flagged_measures(np.full((3, 1), 2 * FLAGGED_ABOVE)).any()
+    assert flagged_measures(np.full((4, 1), 2 * FLAGGED_ABOVE)).all()
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    return population(4, 3, np.random.default_rng(4), two_part_template(9, 16))
+
+
+@pytest.fixture(scope="module")
+def stored(shapes):
+    model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
+    return StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
+
+
+@pytest.fixture(scope="module")
+def evaluation(shapes, stored):
+    faces = shapes.template.faces
+    originals = [OriginalMesh(points, faces) for points in shapes.points]
+    return evaluate_model("optimal", stored.model, (shapes, shapes), originals, 0.01, 0, None, None)
+
+
+def map_of(label, angle=1.5):
+    certificate = Certificate(0, 0, 0.0, 0.0, (), {"LV.aortic": 0.1}, ())
+    distortion = Distortion(angle, angle, angle, 0.5, 2.0, {}, {})
+    angles, areas = (np.full(len(e) - 1, 1.0 / (len(e) - 1)) for e in (ANGLE_EDGES, AREA_EDGES))
+    return MapRecord(
+        label,
+        (ComponentRecord("LV+LA", 10, certificate, distortion, 0.1, angles, areas, {}),),
+    )
+
+
+def section(stored, evaluation, odd=None, repairs=None, failed=()):
+    maps = [map_of(str(id), 9.0 if i == odd else 1.5) for i, id in enumerate(stored.ids)]
+    points = stored.model.mean + np.tensordot(stored.scores, stored.model.modes, axes=1)
+    residues = left_out_point_residues(points, stored.model.weights, stored.ids, 3)
+    return quality_section(stored, evaluation, maps, residues, repairs or {}, failed)
+
+
+def test_the_worst_shape_comes_first_with_its_reason_and_its_picture(stored, evaluation):
+    found = section(stored, evaluation, odd=7)
+    first = found.tables[0].rows[0]
+    assert first[0] == str(stored.ids[7])
+    assert "distorted map" in first[1]
+    titles = [axes.get_title() for axes in found.pictures[0].figure.axes]
+    assert titles[0].startswith(f"{stored.ids[7]}\ndistorted map")
+    assert sorted(row[0] for row in found.tables[0].rows) == sorted(map(str, stored.ids))
+
+
+def test_points_that_left_a_region_flag_a_shape(stored, evaluation):
+    coverage = list(evaluation.coverage)
+    coverage[2] = Coverage(0.1, 0.2, 100.0, 0.1, 0.05)
+    found = section(stored, replace(evaluation, coverage=tuple(coverage)))
+    reasons = {row[0]: row[1] for row in found.tables[0].rows}
+    assert "points have left a region" in reasons[str(stored.ids[2])]
+
+
+def test_repairs_are_counted(stored, evaluation):
+    found = section(stored, evaluation, repairs={str(stored.ids[3]): 2})
+    assert {row[0]: row[-1] for row in found.tables[0].rows}[str(stored.ids[3])] == "2"
+
+
+def test_without_a_flag_the_leaders_are_shown(stored, evaluation, monkeypatch):
+    monkeypatch.setattr("ostiform.report.quality.FLAGGED_ABOVE", np.inf)
+    found = section(stored, evaluation)
+    assert found.pictures[0].caption.startswith("No shape is flagged")
+    assert found.paragraphs[0].startswith("0 of 12 shapes stand out")
+
+
+def test_more_flagged_shapes_than_fit_are_named_in_the_caption(stored, evaluation, monkeypatch):
+    monkeypatch.setattr("ostiform.report.quality.FLAGGED_ABOVE", -np.inf)
+    monkeypatch.setattr("ostiform.report.quality.MOST_PICTURES", 5)
+    found = section(stored, evaluation)
+    assert "the first 5; 7 more are in the table" in found.pictures[0].caption
+    assert MOST_PICTURES > 5
+
+
+def test_shapes_left_out_are_shown_as_they_were_read(stored, evaluation):
+    mesh = stored.model.mesh
+    parts = {"LV": Surface(stored.model.mean, mesh.faces, {})}
+    failed = [FailedShape("x/1", "embed", parts), FailedShape("y/1", "read", {})]
+    found = section(stored, evaluation, failed=failed)
+    (picture,) = [p for p in found.pictures if p.name == "left-out"]
+    assert [axes.get_title() for axes in picture.figure.axes] == ["x/1\nleft out: embed"]
+
+
+def domain():
+    equator = Circle(np.array([0.0, 0.0, 1.0]), 0.5 * np.pi, 0.0)
+    return BaseDomain((Sphere("LV+LA", ("LV", "LA"), {}, {SEAM: equator}, "LV.mitral"),))
+
+
+def test_a_sphere_has_no_kink_and_stretching_one_side_gives_the_ratio(shapes):
+    template = shapes.template
+    whole = 40.0 * template.points
+    stretched = whole * np.where(template.points[:, 2:] > 0.0, [1.0, 1.0, 2.0], 1.0)
+    both = replace(
+        shapes,
+        ids=shapes.ids[:2],
+        directions=shapes.directions[:2],
+        points=np.stack([whole, stretched]),
+        aligned=np.stack([whole, stretched]),
+        transforms=shapes.transforms[:2],
+    )
+    found = sampled_kinks(both, domain())[SEAM]
+    np.testing.assert_allclose(found.kink[0], 1.0, rtol=1e-9)
+    np.testing.assert_allclose(found.kink[1], 0.5, rtol=0.02)  # the template's triangles are flat

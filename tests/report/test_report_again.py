@@ -1,0 +1,148 @@
+"""The report of a finished run is made again from its folder alone."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+
+from ostiform.errors import ArtifactError, InputError
+from ostiform.execution import Workers
+from ostiform.pipeline.events import Note
+from ostiform.pipeline.report import report_again
+from ostiform.pipeline.report_only import report_study
+from ostiform.pipeline.report_record import (
+    InputFile,
+    RunRecord,
+    after,
+    changed_inputs,
+    read_record,
+    write_record,
+)
+from ostiform.pipeline.run import Failure, Ready
+from ostiform.pipeline.store import Store, file_hash
+from ostiform.study import ShapeId
+from ostiform.study.settings import parsed_settings
+
+FIRST, SECOND = ShapeId("a</script>", "1", 0.0), ShapeId("ä", "2", 0.5)
+
+
+def record(**changes):
+    whole = RunRecord(
+        version="0.1.0",
+        title="心 & <b>",
+        study="study.toml",
+        study_sha256="0",
+        settings={"parts": {"LV": {}}, "report": {"part": None, "shape": None}},
+        entries=3,
+        shapes=(Ready(FIRST, "a", "key a"), Ready(SECOND, "b", "key b")),
+        failures=(Failure(ShapeId("c", "1", 0.0), "read", "why"),),
+        repairs={"a": ("filled a hole",)},
+        warnings=("look",),
+        seconds={"embed": 5.0},
+        files=(InputFile("a/1", "LV", "a.vtp", "0"),),
+        domain_key="domain",
+        correspondence_key="correspondence",
+    )
+    return replace(whole, **changes)
+
+
+def test_a_record_comes_back_as_it_was_written(tmp_path):
+    store = Store(tmp_path)
+    assert read_record(store) is None
+    write_record(store, record())
+    assert read_record(store) == record()
+    assert record().part_names == ("LV",)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda facts: facts | {"schema": 99},
+        lambda facts: {"schema": 1},
+        lambda facts: [facts],
+        lambda facts: facts | {"shapes": [{"name": "x"}]},
+        lambda facts: facts | {"unknown": 1},
+    ],
+)
+def test_a_damaged_record_is_refused_with_what_to_do(tmp_path, spoil):
+    store = Store(tmp_path)
+    write_record(store, record())
+    path = store.path("run.json")
+    path.write_text(json.dumps(spoil(json.loads(path.read_text("utf-8")))), "utf-8")
+    with pytest.raises(ArtifactError, match=r"run\.json: expected the record of a run.*build"):
+        read_record(store)
+
+
+def test_a_run_that_found_all_done_keeps_what_the_earlier_one_did_and_said():
+    now = record(repairs={}, warnings=(), seconds={"embed": 0.1, "report": 2.0})
+    kept = after(record(), now)
+    assert kept.repairs == {"a": ("filled a hole",)}
+    assert kept.warnings == ("look",)
+    assert kept.seconds == {"embed": 5.0, "report": 2.0}
+    assert after(None, now) == now
+
+
+def test_a_run_with_other_inputs_keeps_nothing_of_what_it_did_again():
+    changed = (Ready(FIRST, "a", "another key"), Ready(SECOND, "b", "key b"))
+    now = record(
+        shapes=changed, repairs={}, warnings=(), seconds={"embed": 1.0}, correspondence_key="new"
+    )
+    kept = after(record(), now)
+    assert kept.repairs == {}
+    assert kept.warnings == ()
+    assert kept.seconds == {"embed": 1.0}
+
+
+def test_inputs_are_the_same_or_changed_or_gone(tmp_path):
+    study, mesh = tmp_path / "study.toml", tmp_path / "a.vtp"
+    study.write_text("x")
+    mesh.write_text("y")
+    files = (InputFile("a/1", "LV", "a.vtp", file_hash(mesh)),)
+    known = record(study_sha256=file_hash(study), files=files)
+    assert changed_inputs(known, study) == ([], [])
+    mesh.write_text("z")
+    assert changed_inputs(known, study) == ([str(mesh)], [])
+    mesh.unlink()
+    assert changed_inputs(known, study) == ([], [str(mesh)])
+
+
+def test_a_folder_without_a_finished_run_is_refused(tmp_path):
+    with Workers(1) as workers, pytest.raises(ArtifactError, match="found no run.json"):
+        report_again(tmp_path, workers, lambda _: None)
+
+
+@pytest.mark.long
+@pytest.mark.xdist_group("example")
+def test_the_report_needs_neither_study_nor_meshes(example_folder, tmp_path):
+    output = tmp_path / "moved"
+    shutil.copytree(example_folder, output)
+    (output / "report.html").unlink()
+    shutil.rmtree(output / "figures")
+    heard = []
+    summary = report_study(tmp_path / "gone" / "study.toml", output, tell=heard.append)
+    assert summary.shapes == json.loads((output / "run.json").read_text("utf-8"))["entries"]
+    assert (output / "report.html").stat().st_size < 8_000_000
+    for suffix in ("svg", "pdf", "png"):
+        assert (output / "figures" / f"maps-paper.{suffix}").is_file()
+    notes = [event.text for event in heard if isinstance(event, Note)]
+    assert any(text.startswith("gone since the last run") for text in notes)
+
+
+STUDY = """
+schema = 1
+[parts.LV]
+ostia = ["mitral"]
+[shapes]
+sheet = "shapes.csv"
+[report]
+title = "A title"
+part = "{part}"
+"""
+
+
+def test_the_study_may_name_its_report_and_the_part_to_draw():
+    found = parsed_settings(STUDY.format(part="LV")).report
+    assert (found.title, found.part, found.shape) == ("A title", "LV", None)
+    with pytest.raises(InputError, match=r'report\.part: expected a part of \[parts\], found "RV"'):
+        parsed_settings(STUDY.format(part="RV"))

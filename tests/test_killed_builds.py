@@ -1,0 +1,134 @@
+"""A build may be killed at any moment: the next one goes on and ends the same, bit for bit."""
+
+import json
+import shutil
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.killed_builds import (
+    NASTY_NAMES,
+    SMALL_WORKERS,
+    assert_same_contents,
+    kill,
+    killed_when,
+    ostiform,
+    started,
+    workers_of,
+)
+
+pytestmark = pytest.mark.xdist_group("small_results")
+
+KILLS = 24
+
+
+def test_a_build_killed_while_embedding_sweeping_and_evaluating_ends_the_same(
+    small_study, small_results, tmp_path
+):
+    output, log = tmp_path / "out", tmp_path / "log"
+    arguments = ("evaluate", small_study, "-o", output, "-w", SMALL_WORKERS, "-v")
+    for sign in (
+        ".ostiform/embeddings/*.json",
+        ".ostiform/unfinished/correspondence-level-2.npz.json",
+        ".ostiform/unfinished/fold-*.json",
+    ):
+        assert killed_when(lambda sign=sign: any(output.glob(sign)), log, *arguments), sign
+    run = ostiform(*arguments)
+    assert run.returncode == 0, run.stderr
+    assert not any((output / "unfinished").glob("*"))
+    assert_same_contents(output, small_results)
+
+
+def test_sweeps_that_were_finished_are_not_done_again(small_study, small_results, tmp_path):
+    output, log = tmp_path / "out", tmp_path / "log"
+    arguments = ("correspond", small_study, "-o", output, "-w", SMALL_WORKERS, "-v")
+    first_level = output / ".ostiform" / "unfinished" / "correspondence-level-1.npz.json"
+    assert killed_when(first_level.is_file, log, *arguments)
+    run = ostiform(*arguments)
+    assert run.returncode == 0, run.stderr
+    assert "goes on after level" in run.stderr
+    assert "level 1 sweep 1:" not in run.stderr
+    history = json.loads((output / "correspondence.json").read_text())["history"]
+    expected = json.loads((small_results / "correspondence.json").read_text())["history"]
+    assert [item["objective"] for item in history] == [item["objective"] for item in expected]
+
+
+def test_a_worker_that_is_killed_changes_nothing(small_study, small_results, tmp_path):
+    output, log = tmp_path / "out", tmp_path / "log"
+    with started(log, "embed", small_study, "-o", output, "-w", SMALL_WORKERS, "-v") as process:
+        while process.poll() is None and not any((output / "surveys").glob("*.json")):
+            time.sleep(0.01)
+        for worker in workers_of(process):
+            kill(worker)
+        assert process.wait() == 0, log.read_text()
+    assert "left out" not in log.read_text()
+    embeddings = tmp_path / "expected"
+    (embeddings / "embeddings").mkdir(parents=True)
+    (tmp_path / "found").mkdir()
+    (output / "embeddings").rename(tmp_path / "found" / "embeddings")
+    for path in (small_results / "embeddings").iterdir():
+        (embeddings / "embeddings" / path.name).write_bytes(path.read_bytes())
+    assert_same_contents(tmp_path / "found", embeddings)
+
+
+def test_names_from_files_stay_in_their_place(small_study, small_results, tmp_path):
+    shutil.copytree(small_results, tmp_path / "inner" / "out")
+    run = ostiform("build", small_study, "-o", tmp_path / "inner" / "out", "-w", 1)
+    assert run.returncode == 0, run.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["inner"]
+    assert [path.name for path in (tmp_path / "inner").iterdir()] == ["out"]
+    page = (tmp_path / "inner" / "out" / "report.html").read_text("utf-8")
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+    assert NASTY_NAMES[1] not in page
+    for picture in (tmp_path / "inner" / "out" / "figures").glob("*.svg"):
+        assert "<script" not in picture.read_text("utf-8")
+
+
+@pytest.mark.long
+def test_builds_killed_at_random_moments_end_the_same(small_study, tmp_path, record_property):
+    expected, log = tmp_path / "expected", tmp_path / "log"
+    arguments = ("build", small_study, "-w", SMALL_WORKERS, "-v")
+    start = time.monotonic()
+    with started(log, *arguments, "-o", expected) as process:
+        assert process.wait() == 0, log.read_text()
+    seconds, n_lines = time.monotonic() - start, len(stages(log))
+    rng = np.random.default_rng(20)
+    hit: Counter[str] = Counter()
+    builds = 0
+    while hit.total() < KILLS:
+        output = tmp_path / f"out{builds}"
+        builds += 1
+        while True:
+            line, delay = int(rng.integers(n_lines)), float(rng.uniform(0.0, 0.5))
+            moment = float(rng.uniform(0.0, seconds))
+            by_line, of_worker = bool(rng.random() < 0.7), bool(rng.random() < 0.25)
+            with started(log, *arguments, "-o", output) as process:
+                begin = time.monotonic()
+                while process.poll() is None and (
+                    len(stages(log)) <= line if by_line else time.monotonic() < begin + moment
+                ):
+                    time.sleep(0.02)
+                if by_line:
+                    time.sleep(delay)
+                victims = workers_of(process) if of_worker else [process.pid]
+                stage = (stages(log) or ["start"])[-1]
+                if process.poll() is not None or not victims:
+                    victims = []
+                for victim in victims[:1]:
+                    kill(victim)
+                    hit[f"{stage}{' (a worker)' if of_worker else ''}"] += 1
+                if (of_worker or not victims) and process.wait() == 0:
+                    break
+                assert process.wait() != 1, log.read_text()
+        assert_same_contents(output, expected)
+    record_property("kills", dict(hit))
+    print(f"{hit.total()} kills in {builds} builds:", dict(hit))  # noqa: T201
+
+
+def stages(log: Path) -> list[str]:
+    """Return the stage of every line that a build wrote with ``-v``."""
+    lines = log.read_text("utf-8", "replace").splitlines()
+    return [line.split()[0] for line in lines if "/" in line and ":" in line and line[0].islower()]
