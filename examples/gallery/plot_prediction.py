@@ -47,7 +47,7 @@ for name, cycle in cycles.items():
     left.plot(instants, part_volumes(cycle.shapes, hearts.mesh)["LV"] / 1000.0, label=name)
     right.plot(instants, np.sqrt(cycle.deviations**2 @ hearts.weights))
 left.set_ylabel("LV volume (ml)")
-right.set_ylabel("standard deviation of a coordinate (mm)")
+right.set_ylabel("sd of a coordinate (mm)")
 for panel in (left, right):
     panel.set_xlabel("time (fraction of the cycle)")
 figure.legend(loc="outside upper center", ncols=3)

@@ -122,6 +122,7 @@ def correspondence_settings(study: Study) -> CorrespondenceSettings:
         levels=stated.levels,
         n_points=study.settings.template.points,
         noise_mm=stated.noise_mm,
+        coherence=stated.coherence,
         alignment=study.settings.alignment.mode,
         per=study.alignment_per,
         seed=stated.seed,
