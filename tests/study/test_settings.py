@@ -78,6 +78,7 @@ def test_a_minimal_study_takes_the_defaults():
         "optimiser": "majorise",
         "levels": 4,
         "noise_mm": None,
+        "coherence": 1e6,
         "seed": 0,
     }
     assert settings.alignment.model_dump() == {"mode": "rigid", "per": None}
