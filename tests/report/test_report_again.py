@@ -8,6 +8,7 @@ import pytest
 
 from ostiform.errors import ArtifactError, InputError
 from ostiform.execution import Workers
+from ostiform.pipeline.build import build_study
 from ostiform.pipeline.events import Note
 from ostiform.pipeline.report import report_again
 from ostiform.pipeline.report_only import report_study
@@ -115,8 +116,11 @@ def test_a_folder_without_a_finished_run_is_refused(tmp_path):
 @pytest.mark.long
 @pytest.mark.xdist_group("example")
 def test_the_report_needs_neither_study_nor_meshes(example_folder, tmp_path):
+    shutil.copytree(example_folder.parent, tmp_path / "example")
     output = tmp_path / "moved"
-    shutil.copytree(example_folder, output)
+    build_study(tmp_path / "example" / "study" / "study.toml", tmp_path / "example" / "results")
+    (tmp_path / "example" / "results").rename(output)
+    shutil.rmtree(tmp_path / "example")
     (output / "report.html").unlink()
     shutil.rmtree(output / "figures")
     heard = []
