@@ -1,16 +1,17 @@
 """Scores and volumes as CSV, one row per shape."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
-from ostiform.evaluation import part_volumes
-from ostiform.model import CorrespondedShapes, StoredModel
+from ostiform.model import StoredModel
 from ostiform.study import ShapeId
 
 __all__ = ["write_scores_csv", "write_volumes_csv"]
 
+MM3_PER_ML = 1000.0
 IDENTITY = ("subject", "phase", "time")
 
 
@@ -30,20 +31,27 @@ def write_scores_csv(path: Path, stored: StoredModel) -> None:
     _write(path, header, rows)
 
 
-def write_volumes_csv(path: Path, shapes: CorrespondedShapes) -> None:
-    """Write the volume of every part in ml, openings capped flat, columns ``LV_ml`` and so on.
+def write_volumes_csv(
+    path: Path, ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]
+) -> None:
+    """Write the volume of every part in ml, columns ``LV_ml`` and so on.
+
+    Parameters
+    ----------
+    path : Path
+    ids : sequence of ShapeId
+        N shapes.
+    volumes : mapping of str to (N,) float64, mm^3
+        By part; see `evaluation.part_volumes`.
 
     Raises
     ------
-    InputError
-        If a part has an edge that borders neither another triangle nor a named opening.
     ArtifactError
         If the file cannot be written.
     """
-    volumes = part_volumes(shapes.points, shapes.mesh)
     rows = [
-        [*_identity(id), *(f"{values[index] / 1000.0:.6g}" for values in volumes.values())]
-        for index, id in enumerate(shapes.ids)
+        [*_identity(id), *(f"{values[index] / MM3_PER_ML:.6g}" for values in volumes.values())]
+        for index, id in enumerate(ids)
     ]
     _write(path, [*IDENTITY, *(f"{part}_ml" for part in volumes)], rows)
 

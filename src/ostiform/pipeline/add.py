@@ -26,10 +26,9 @@ from ostiform.correspondence import (
 from ostiform.domain import BaseDomain, domain_from_json, population_poses
 from ostiform.embedding import Embedding, EmbeddingSettings, embed, population_problems
 from ostiform.errors import ArtifactError, EmbeddingError, InputError
-from ostiform.evaluation import OriginalMesh, shape_coverage
+from ostiform.evaluation import OriginalMesh, part_volumes, shape_coverage
 from ostiform.exchange import write_scores_csv, write_volumes_csv
 from ostiform.model import (
-    CorrespondedShapes,
     StoredModel,
     fit_model,
     mesh_of_template,
@@ -401,16 +400,9 @@ def _write(
             shutil.copyfile(finished.store.path(name), path)
     with store.writing("scores.csv", key) as path:
         write_scores_csv(path, stored)
-    shapes = CorrespondedShapes(
-        ids=correspondence.ids,
-        points=correspondence.points,
-        aligned=correspondence.aligned,
-        transforms=correspondence.transforms,
-        weights=correspondence.weights,
-        mesh=stored.model.mesh,
-    )
+    volumes = part_volumes(correspondence.points, stored.model.mesh)
     with store.writing("volumes.csv", key) as path:
-        write_volumes_csv(path, shapes)
+        write_volumes_csv(path, correspondence.ids, volumes)
 
 
 def _original(shape: Shape) -> OriginalMesh:

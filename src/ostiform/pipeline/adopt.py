@@ -28,6 +28,7 @@ from ostiform.evaluation import (
     fold_residues,
     model_compactness,
     model_specificity,
+    part_volumes,
     shape_coverage,
     write_evaluation,
 )
@@ -203,7 +204,7 @@ def _write_surfaces(
         write_mean(path, model)
     try:
         with store.writing("volumes.csv", key) as path:
-            write_volumes_csv(path, shapes)
+            write_volumes_csv(path, shapes.ids, part_volumes(shapes.points, shapes.mesh))
     except (InputError, TopologyError) as error:
         notes.append(f"volumes: not measured, {error}")
     evaluation = _evaluation(shapes, model)

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ostiform.errors import InputError
+from ostiform.evaluation import part_volumes
 from ostiform.exchange import (
     ProjectRow,
     mean_cycle_frames,
@@ -160,7 +161,8 @@ def _csv(export: _Export) -> list[Path]:
     write_scores_csv(paths[0], export.stored)
     if export.shapes is not None and len(export.shapes.mesh.faces):
         paths.append(export.output / "volumes.csv")
-        write_volumes_csv(paths[-1], export.shapes)
+        volumes = part_volumes(export.shapes.points, export.shapes.mesh)
+        write_volumes_csv(paths[-1], export.shapes.ids, volumes)
     return paths
 
 

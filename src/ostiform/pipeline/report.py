@@ -4,7 +4,6 @@ Artifacts: ``run.json`` (what was run), ``report.html``, the files of its figure
 and the numbers behind two of them: ``volumes.csv`` (ml) and ``scores.csv`` (mm).
 """
 
-import csv
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -28,6 +27,7 @@ from ostiform.evaluation import (
     part_volumes,
     read_evaluation,
 )
+from ostiform.exchange import write_scores_csv, write_volumes_csv
 from ostiform.execution import Workers
 from ostiform.model import (
     StoredModel,
@@ -76,11 +76,9 @@ from ostiform.report import (
     viewer_section,
     volumes_section,
 )
-from ostiform.study import ShapeId
 
 __all__ = ["report_again", "report_run"]
 
-MM3_PER_ML = 1000.0
 LIBRARIES = ("numpy", "scipy", "numba", "vtk", "libigl", "h5py", "matplotlib")
 RESULTS = {
     "model.h5": "the optimal model (statismo layout): mean, modes, variances, mesh",
@@ -235,8 +233,10 @@ def _render(store: Store, record: RunRecord, workers: Workers, tell: Tell) -> No
     )
     drawings = _drawn(page, store, workers, tell)
     key = key_of("report", record.correspondence_key)
-    _write_volumes(store, key, correspondence.ids, volumes)
-    _write_scores(store, key, stored)
+    with store.writing("volumes.csv", key) as path:
+        write_volumes_csv(path, correspondence.ids, volumes)
+    with store.writing("scores.csv", key) as path:
+        write_scores_csv(path, stored)
     with store.writing("report.html", key) as path:
         path.write_text(render_page(page, drawings), encoding="utf-8")
     tell(Progress("report", len(drawings) + 1, len(drawings) + 1))
@@ -294,44 +294,6 @@ def _variance_errors(models: Mapping[str, StoredModel]) -> dict[str, FloatArray]
         kind: cumulative_variance_error(stored.scores, [id.subject for id in stored.ids])
         for kind, stored in models.items()
     }
-
-
-def _write_volumes(
-    store: Store, key: str, ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]
-) -> None:
-    rows = [
-        [
-            id.subject,
-            id.phase,
-            f"{id.time:.6g}",
-            *(f"{v[i] / MM3_PER_ML:.6g}" for v in volumes.values()),
-        ]
-        for i, id in enumerate(ids)
-    ]
-    _write_table(
-        store, "volumes.csv", key, ["subject", "phase", "time", *(f"{n}_ml" for n in volumes)], rows
-    )
-
-
-def _write_scores(store: Store, key: str, stored: StoredModel) -> None:
-    rows = [
-        [id.subject, id.phase, f"{id.time:.6g}", *(f"{score:.6g}" for score in scores)]
-        for id, scores in zip(stored.ids, stored.scores, strict=True)
-    ]
-    modes = [f"mode{k + 1}_mm" for k in range(stored.scores.shape[1])]
-    _write_table(store, "scores.csv", key, ["subject", "phase", "time", *modes], rows)
-
-
-def _write_table(
-    store: Store, name: str, key: str, header: Sequence[str], rows: Sequence[Sequence[str]]
-) -> None:
-    with (
-        store.writing(name, key) as path,
-        path.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
 
 
 def _subtitle(record: RunRecord) -> str:
