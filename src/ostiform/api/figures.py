@@ -159,7 +159,7 @@ def convergence(results: Results) -> Figure:
         )
     seconds = np.cumsum([record["seconds"] for record in history])
     objective = np.array([record["objective"] for record in history])
-    label = "description length + penalty"
+    label = "objective"
     return convergence_figure(seconds[finer], objective[finer], levels[finer], label)
 
 

@@ -66,8 +66,8 @@ class SweepRecord:
     level, sweep : int
         From 1; sweep 0 is the state before the first.
     objective : float
-        Mean squared distance in units of `euclidean_noise_mm` (level 1) or description length,
-        at the optimiser's points, plus the mean penalty.
+        Mean squared distance in units of `euclidean_noise_mm` (level 1) or description length
+        and coherence term (level 2 and finer), at the optimiser's points, plus the mean penalty.
     penalty : float
         The penalty's part of the objective.
     step_rad : float

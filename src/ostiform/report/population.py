@@ -168,11 +168,11 @@ def correspondence_section(
                     seconds[finer],
                     objective[finer],
                     levels[finer],
-                    "description length + penalty",
+                    "objective",
                 ),
-                "Objective after every sweep over all shapes, against processor time. Compare it "
-                "within a level only: each level has its own points. Level 1 minimises another "
-                "objective and is not drawn.",
+                "Objective (description length, coherence and penalty) after every sweep over all "
+                "shapes, against processor time. Compare it within a level only: each level has "
+                "its own points. Level 1 minimises another objective and is not drawn.",
                 "Falling curves, one per level.",
             )
         )
