@@ -22,7 +22,7 @@ from tests.oracles.warped_shapes import (
     with_level,
 )
 
-SETTINGS = CorrespondenceSettings(levels=3, n_points=500, n_optimised=150, per="shape")
+SETTINGS = CorrespondenceSettings(n_points=500, n_optimised=150, per="shape")
 
 
 def models(domain, settings=SETTINGS, order=slice(None), count=8):
@@ -44,7 +44,7 @@ def test_optimising_repairs_a_poor_start(built):
         kind: family.error(yardstick.template, model.correspondence.directions, yardstick.weights)
         for kind, model in trained.items()
     }
-    assert error["optimal"] < 0.95 * error["conformal"]
+    assert error["optimal"] < 0.85 * error["conformal"]
 
 
 def test_every_model_is_more_concise_than_the_one_before(built):

@@ -5,7 +5,14 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = ["landmark_derivatives", "normal_matrix", "pulled_back", "score_derivatives"]
+__all__ = [
+    "determinant_derivatives",
+    "landmark_derivatives",
+    "motion_derivatives",
+    "normal_matrix",
+    "pulled_back",
+    "score_derivatives",
+]
 
 
 @njit(cache=True)
@@ -71,6 +78,26 @@ def score_derivatives(
 
 
 @njit(cache=True)
+def motion_derivatives(
+    starts: IntArray,
+    fields: IntArray,
+    moved: FloatArray,
+    motions: FloatArray,
+    n_fields: int,
+) -> FloatArray:
+    """Return the derivative (D, 3, S) of each coordinate along motions M^T of shape (Q, S)."""
+    scores = np.zeros((n_fields, 3, motions.shape[1]))
+    for p in range(len(starts) - 1):
+        motion = motions[p]
+        for a in range(starts[p], starts[p + 1]):
+            for k in range(3):
+                row = scores[fields[a], k]
+                for s in range(len(row)):
+                    row[s] += moved[a, k] * motion[s]
+    return scores
+
+
+@njit(cache=True)
 def pulled_back(
     starts: IntArray, fields: IntArray, vectors: FloatArray, forces: FloatArray, n_fields: int
 ) -> FloatArray:
@@ -84,3 +111,31 @@ def pulled_back(
                 + vectors[a, 2] * forces[p, 2]
             )
     return total
+
+
+@njit(cache=True)
+def determinant_derivatives(
+    points: FloatArray,
+    faces: IntArray,
+    starts: IntArray,
+    fields: IntArray,
+    vectors: FloatArray,
+    n_fields: int,
+) -> FloatArray:
+    """Return the derivatives (F, D) of ``det(a, b, c)`` of triangles by the coefficients.
+
+    Vectors (A, 3) are the active fields at the points.
+    """
+    derivatives = np.zeros((len(faces), n_fields))
+    for t in range(len(faces)):
+        for corner in range(3):
+            p = faces[t, corner]
+            b, c = points[faces[t, (corner + 1) % 3]], points[faces[t, (corner + 2) % 3]]
+            x = b[1] * c[2] - b[2] * c[1]
+            y = b[2] * c[0] - b[0] * c[2]
+            z = b[0] * c[1] - b[1] * c[0]
+            for a in range(starts[p], starts[p + 1]):
+                derivatives[t, fields[a]] += (
+                    x * vectors[a, 0] + y * vectors[a, 1] + z * vectors[a, 2]
+                )
+    return derivatives

@@ -36,6 +36,10 @@ NARROWEST, WIDEST = 0.3, 1.4
 SLIDE_RADII = 4.0
 NARROWEST_SLIDE, WIDEST_SLIDE = 0.2, 0.8
 
+# Angles from a circle over which its surroundings turn with it, as far as the next circle lets
+# them: the wrong rotation of a rim turns half the way to its neighbours.
+WIDE_TURNS = (0.5, 1.0)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlPoints:
@@ -165,11 +169,19 @@ def insert_interior(
 def basis_of(
     interior: ControlPoints, boundary: ControlPoints, circles: FloatArray, n_spheres: int
 ) -> FieldBasis:
-    """Return the fields of control points, after the six global fields of every sphere.
+    """Return the fields of control points, after the global ones.
+
+    Those are the six conformal fields of every sphere and, for every circle, the turning of its
+    surroundings as a whole.
 
     The interior points come first in the numbering of `FieldBasis.control`.
     """
     bases = [global_fields(circles, sphere) for sphere in range(n_spheres)]
+    bases += [
+        twist_fields(circles, row, np.zeros(1), width, np.full(1, -1))
+        for row in range(len(circles))
+        for width in WIDE_TURNS
+    ]
     bases.append(
         bump_fields(
             circles,

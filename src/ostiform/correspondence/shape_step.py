@@ -15,10 +15,12 @@ from scipy.linalg import cho_factor, cho_solve
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.assembly_kernels import (
     landmark_derivatives,
+    motion_derivatives,
     normal_matrix,
     pulled_back,
     score_derivatives,
 )
+from ostiform.correspondence.crowding import crowding_residuals, crowding_value
 from ostiform.correspondence.description_length import QuadraticForm, form_product, form_value
 from ostiform.correspondence.landmarks import (
     LandmarkTerm,
@@ -63,7 +65,7 @@ __all__ = [
 LONGEST_STEP = 0.15
 
 # A template triangle keeps at least this share of its initial determinant.
-LEAST_ORIENTATION_SHARE = 0.1
+LEAST_ORIENTATION_SHARE = 0.05
 
 # Levenberg damping relative to the mean diagonal of the normal matrix: start, limits, and the
 # factors after a full step and after a shortened or refused one.
@@ -187,13 +189,14 @@ def start(sampler: ShapeSampler, level: WarpLevel, directions: FloatArray) -> Wa
 
 
 def objective(state: WarpState, level: WarpLevel, goal: ShapeGoal, transform: FloatArray) -> float:
-    """Return ``z^T W z + penalty`` of a shape."""
+    """Return ``z^T W z + penalty`` of a shape, all terms in it."""
     aligned = state.landmarks @ transform[:3, :3].T + transform[:3, 3]
     return (
         form_value(goal.form, aligned)
         + penalty_value(level.penalty, state.directions[level.index])
         + metric_value(goal.metric, state.landmarks)
         + landmark_value(goal.landmarks, state.landmarks)
+        + crowding_value(level.template, state.directions)
     )
 
 
@@ -239,6 +242,14 @@ def propose(
         system.starts, system.fields, system.moved, len(hessian)
     )
     hessian -= (scores * goal.form.gains) @ scores.T
+    along = motion_derivatives(
+        system.starts,
+        system.fields,
+        system.moved,
+        np.ascontiguousarray(goal.form.motions.T),
+        len(hessian),
+    ).reshape(len(hessian), -1)  # (D, 3S)
+    hessian -= (along * np.tile(goal.form.shares, 3)) @ along.T
     hessian += level.curvature
     diagonal = np.diagonal(hessian)
     damped = hessian + np.diag(
@@ -259,7 +270,7 @@ def advance(
     """Return the state after the longest acceptable part of a step, and that part (0 to 1).
 
     Accepted is what lowers the shape's objective and leaves every template triangle at least a
-    tenth of its initial determinant; a step refused at every length leaves the state but for
+    twentieth of its initial determinant; a step refused at every length leaves the state but for
     its damping.
     """
     before = objective(state, level, goal, transform)
@@ -291,9 +302,9 @@ def _clipped(damping: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
-    """Half the gradient (D,), half the matrix (D, D) of the terms in input coordinates, a Jacobian.
+    """Half the gradient (D,), half the matrix (D, D) of the terms beside the form, a Jacobian.
 
-    Those are the metric term and the users' landmarks.
+    Those are the metric term, the users' landmarks and the crowding term.
     The Jacobian of the scaled, aligned landmarks is sparse: `moved` (A, 3) for the active fields.
     """
 
@@ -350,4 +361,7 @@ def _system(
         half_gradient += pulled_back(fields.starts, fields.fields, unscaled, pull, count)
         rows = landmark_jacobian_rows(goal.landmarks, fields.starts, fields.fields, unscaled, count)
         hessian = hessian + rows.T @ rows
+    residuals, slopes = crowding_residuals(level.basis, level.template, state.directions)
+    half_gradient += residuals @ slopes
+    hessian = hessian + slopes.T @ slopes
     return _System(half_gradient, hessian, fields.starts, fields.fields, moved)

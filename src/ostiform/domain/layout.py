@@ -18,10 +18,13 @@ from ostiform.domain.regions import equator_seam, far_part, handle_seams, part_r
 from ostiform.domain.types import BaseDomain, Circle, ConformalHoles, Sphere
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
+from ostiform.surface.sphere import normalised
 
 __all__ = ["lay_out", "radius_candidates"]
 
 NORTH = np.array([0.0, 0.0, 1.0])
+
+DECIMALS = 9
 
 
 def lay_out(
@@ -152,7 +155,7 @@ def _sphere(
     own = own_settings(settings, rims, further, equator)
     draft = started_caps(population, positions, pole, own, regions, rims, further)
     draft = _tied(draft, handles)
-    draft = settled_caps(draft, regions, equator, outline.name)
+    draft = _rounded(settled_caps(draft, regions, equator, outline.name))
     phases = {
         name: np.radians(own[name].phase_deg or 0.0) if name in own else 0.0
         for name in draft.centers
@@ -182,6 +185,20 @@ def _sphere(
     )
     check_sphere(sphere)
     return sphere
+
+
+def _rounded(draft: CapDraft) -> CapDraft:
+    """Return the circles to a billionth of a radian.
+
+    Means over the shapes depend on their order in the last bits, which meshing would magnify.
+    """
+    return replace(
+        draft,
+        centers={
+            name: normalised(np.round(center, DECIMALS)) for name, center in draft.centers.items()
+        },
+        radii={name: round(radius, DECIMALS) for name, radius in draft.radii.items()},
+    )
 
 
 def _tied(draft: CapDraft, handles: Sequence[Seam]) -> CapDraft:
