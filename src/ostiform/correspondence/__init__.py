@@ -19,6 +19,12 @@ from ostiform.correspondence.sampling import (
 )
 from ostiform.correspondence.settings import CorrespondenceSettings
 from ostiform.correspondence.shape_step import WarpState
+from ostiform.correspondence.shapes import Shapes, ShapesInMemory
+from ostiform.correspondence.streamed_spectrum import (
+    StrongSpectrum,
+    streamed_length,
+    streamed_spectrum,
+)
 from ostiform.correspondence.sweeps import LevelState, LevelStatus, Population, SweepRecord
 from ostiform.correspondence.trained import KINDS, Kind, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
@@ -33,6 +39,9 @@ __all__ = [
     "Population",
     "Placed",
     "ShapeSampler",
+    "Shapes",
+    "ShapesInMemory",
+    "StrongSpectrum",
     "SurfaceMarks",
     "SweepRecord",
     "TemplateCoverage",
@@ -48,6 +57,8 @@ __all__ = [
     "sample",
     "sample_with_derivative",
     "sampler",
+    "streamed_length",
+    "streamed_spectrum",
     "template_coverage",
     "trained_from",
 ]

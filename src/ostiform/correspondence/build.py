@@ -29,6 +29,7 @@ from ostiform.correspondence.metric import metric_term, with_reference
 from ostiform.correspondence.population_template import population_template
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.settings import CorrespondenceSettings
+from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes, sampled
 from ostiform.correspondence.sweeps import Journal, Keep, LevelState, Progress, area_shares
 from ostiform.correspondence.trained import Kind, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
@@ -45,7 +46,7 @@ NOISE_OVER_EDGE = 0.2
 
 
 def build_yardstick(
-    samplers: Sequence[ShapeSampler],
+    shapes: GivenShapes,
     ids: Sequence[ShapeId],
     domain: BaseDomain,
     poses: FloatArray,
@@ -55,7 +56,7 @@ def build_yardstick(
 
     Parameters
     ----------
-    samplers : sequence of ShapeSampler
+    shapes : Shapes or sequence of ShapeSampler
     ids : sequence of ShapeId
         As many, in study order.
     domain : BaseDomain
@@ -66,15 +67,15 @@ def build_yardstick(
     Raises
     ------
     InputError
-        If there are fewer than two shapes or the numbers of samplers and ids differ.
+        If there are fewer than two shapes or the numbers of shapes and ids differ.
     """
-    _check_population(samplers, ids)
-    template = population_template(samplers, domain, settings.n_points, poses)
-    return yardstick_of_template(samplers, ids, domain, template, settings)
+    _check_population(shapes, ids)
+    template = population_template(shapes, domain, settings.n_points, poses)
+    return yardstick_of_template(shapes, ids, domain, template, settings)
 
 
 def yardstick_of_template(
-    samplers: Sequence[ShapeSampler],
+    shapes: GivenShapes,
     ids: Sequence[ShapeId],
     domain: BaseDomain,
     template: Template,
@@ -84,18 +85,15 @@ def yardstick_of_template(
 
     Parameters and errors are those of `build_yardstick`.
     """
-    _check_population(samplers, ids)
-    points = np.stack([sample(shape, template, template.points) for shape in samplers])
+    _check_population(shapes, ids)
+    surveyed = as_shapes(shapes).each(_surveyed, [None] * len(ids), template)
+    points = np.stack([own for own, _ in surveyed])  # (N, P, 3)
     weights = area_shares(points, template.faces).mean(axis=0)
     weights /= weights.sum()
     groups = _groups(ids, settings)
     noise_mm = settings.noise_mm
     if noise_mm is None:
-        edges = [
-            median_edge_length(part.vertices, part.faces)
-            for shape in samplers
-            for part in shape.components
-        ]
+        edges = [edge for _, of_shape in surveyed for edge in of_shape]
         noise_mm = NOISE_OVER_EDGE * float(np.median(edges))
     return Yardstick(
         domain=domain,
@@ -110,7 +108,7 @@ def yardstick_of_template(
 
 
 def correspond(
-    samplers: Sequence[ShapeSampler],
+    shapes: GivenShapes,
     ids: Sequence[ShapeId],
     yardstick: Yardstick,
     settings: CorrespondenceSettings,
@@ -126,7 +124,7 @@ def correspond(
 
     Parameters
     ----------
-    samplers : sequence of ShapeSampler
+    shapes : Shapes or sequence of ShapeSampler
     ids : sequence of ShapeId
     yardstick : Yardstick
         Of the same shapes.
@@ -142,15 +140,15 @@ def correspond(
     Raises
     ------
     InputError
-        If there are fewer than two shapes, the numbers of samplers and ids differ, or the levels
+        If there are fewer than two shapes, the numbers of shapes and ids differ, or the levels
         begun are not of this population.
     """
-    _check_population(samplers, ids)
-    problem = _problem(samplers, yardstick, settings)
+    _check_population(shapes, ids)
+    problem = _problem(as_shapes(shapes), yardstick, settings)
     _check_begun(begun, problem)
     journal = Journal(progress, keep, {state.level: state for state in begun})
     template_points = np.broadcast_to(
-        yardstick.template.points, (len(samplers), *yardstick.template.points.shape)
+        yardstick.template.points, (len(ids), *yardstick.template.points.shape)
     )
     population = first_population(problem, template_points)
     trained: dict[Kind, TrainedCorrespondence] = {
@@ -168,17 +166,17 @@ def correspond(
     return trained
 
 
-def _check_population(samplers: Sequence[ShapeSampler], ids: Sequence[ShapeId]) -> None:
-    if len(samplers) != len(ids) or len(ids) < 2:
+def _check_population(shapes: GivenShapes, ids: Sequence[ShapeId]) -> None:
+    if len(shapes) != len(ids) or len(ids) < 2:
         raise InputError(
             "correspondence: expected at least 2 shapes and one sampler per shape, found "
-            f"{len(ids)} shapes and {len(samplers)} samplers"
+            f"{len(ids)} shapes and {len(shapes)} samplers"
         )
 
 
 def _check_begun(begun: Sequence[LevelState], problem: Problem) -> None:
     n_shapes, n_points, n_coarse = (
-        len(problem.samplers),
+        len(problem.shapes),
         len(problem.template.points),
         len(problem.coarse.points),
     )
@@ -203,12 +201,18 @@ def _groups(ids: Sequence[ShapeId], settings: CorrespondenceSettings) -> IntArra
     return np.array([names.index(id.subject) for id in ids], dtype=np.int64)
 
 
-def _problem(
-    samplers: Sequence[ShapeSampler], yardstick: Yardstick, settings: CorrespondenceSettings
-) -> Problem:
+def _surveyed(
+    shape: ShapeSampler, _item: None, template: Template
+) -> tuple[FloatArray, list[float]]:
+    """Return the conformal sampling (P, 3) of a shape and the median edges of its components."""
+    edges = [median_edge_length(part.vertices, part.faces) for part in shape.components]
+    return sample(shape, template, template.points), edges
+
+
+def _problem(shapes: Shapes, yardstick: Yardstick, settings: CorrespondenceSettings) -> Problem:
     template = yardstick.template
     coarse, index = coarse_template(template, settings.n_optimised)
-    points = np.stack([sample(shape, coarse, coarse.points) for shape in samplers])
+    points = np.stack(shapes.each(sampled, [coarse.points] * len(shapes), coarse))
     weights = area_shares(points, coarse.faces).mean(axis=0)
     weights /= weights.sum()
     aligned = align(points, weights, yardstick.alignment, yardstick.groups).aligned
@@ -217,7 +221,7 @@ def _problem(
     if unit_mm is None:
         unit_mm = max(root_mean_square_spread(aligned, weights), yardstick.noise_mm)
     return Problem(
-        samplers=tuple(samplers),
+        shapes=shapes,
         template=template,
         coarse=coarse,
         index=index,
@@ -228,7 +232,7 @@ def _problem(
         l_cut=yardstick.l_cut,
         unit_mm=unit_mm,
         settings=settings,
-        marks=template_marks(samplers, coarse),
+        marks=template_marks(shapes, coarse),
     )
 
 
@@ -244,12 +248,7 @@ def _trained(
     yardstick: Yardstick,
     results: Sequence[LevelResult],
 ) -> TrainedCorrespondence:
-    points = np.stack(
-        [
-            sample(shape, yardstick.template, own)
-            for shape, own in zip(problem.samplers, directions, strict=True)
-        ]
-    )
+    points = np.stack(problem.shapes.each(sampled, list(directions), yardstick.template))
     alignment = align(points, yardstick.weights, yardstick.alignment, yardstick.groups)
     correspondence = Correspondence(
         template=yardstick.template,

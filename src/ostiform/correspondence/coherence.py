@@ -86,16 +86,14 @@ def coherence_about(mean: FloatArray, weights: FloatArray, strength: float) -> C
 
 def coherence_form(term: Coherence, target: FloatArray) -> QuadraticForm:
     """Return a shape's term as a form about a target (Q, 3)."""
-    count, points = term.motions.shape
-    modes = np.zeros((3, count, points, 3))
-    for axis in range(3):
-        modes[axis, :, :, axis] = term.motions
     return QuadraticForm(
         target,
         term.root_weights,
         term.strength,
-        modes.reshape(3 * count, 3 * points),
-        np.tile(term.strength * term.gains, 3),
+        np.zeros((0, 3 * len(target))),
+        np.zeros(0),
+        term.motions,
+        term.strength * term.gains,
     )
 
 
@@ -115,6 +113,8 @@ def joined_forms(first: QuadraticForm, second: QuadraticForm) -> QuadraticForm:
     return replace(
         first,
         scale=first.scale + second.scale,
-        modes=np.ascontiguousarray(np.concatenate([first.modes, second.modes])),
+        modes=np.asfortranarray(np.concatenate([first.modes, second.modes])),
         gains=np.concatenate([first.gains, second.gains]),
+        motions=np.asfortranarray(np.concatenate([first.motions, second.motions])),
+        shares=np.concatenate([first.shares, second.shares]),
     )

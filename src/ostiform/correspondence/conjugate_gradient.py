@@ -6,13 +6,13 @@ of a surface are composed flows, so the gradient is always taken at the identity
 exact.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.correspondence.coherence import Coherence, coherence_form, joined_forms
+from ostiform.correspondence.crowding import crowding_value
 from ostiform.correspondence.description_length import (
     form_value,
     length_of_spectrum,
@@ -31,6 +31,7 @@ from ostiform.correspondence.shape_step import (
     WarpState,
     gradient,
 )
+from ostiform.correspondence.shapes import GivenShapes, as_shapes
 from ostiform.correspondence.sweeps import (
     Population,
     SweepOutcome,
@@ -52,7 +53,7 @@ FIRST_MOVE = 0.03
 
 
 def conjugate_gradient_sweep(
-    samplers: Sequence[ShapeSampler],
+    shapes: GivenShapes,
     population: Population,
     level: WarpLevel,
     l_cut: float,
@@ -63,7 +64,8 @@ def conjugate_gradient_sweep(
 
     Parameters
     ----------
-    samplers : sequence of ShapeSampler
+    shapes : Shapes or sequence of ShapeSampler
+        Taken one after the other, in this process.
     population : Population
     level : WarpLevel
     l_cut : float
@@ -74,12 +76,13 @@ def conjugate_gradient_sweep(
         Permutes the surfaces.
     """
     count = len(population.states)
+    kept = as_shapes(shapes)
     current = population
     taken = np.zeros((count, len(level.basis)))
     promised = 0.0
     for shape in rng.permutation(count):
         state, steps, expected = _optimised_surface(
-            samplers[shape], current, int(shape), level, l_cut, coherence
+            kept.at(int(shape)), current, int(shape), level, l_cut, coherence
         )
         states = (*current.states[:shape], state, *current.states[shape + 1 :])
         current = replace(current, states=states)
@@ -123,6 +126,7 @@ def _optimised_surface(
         rough = (1.0 - 1.0 / count) * form_value(others, own)
         penalty = penalty_value(level.penalty, state.directions[level.index])
         penalty += landmark_value(term, state.landmarks)
+        penalty += crowding_value(level.template, state.directions)
         return (count - 1) * length + rough + penalty + metric_value(metric, state.landmarks)
 
     state = population.states[shape]

@@ -34,12 +34,12 @@ from ostiform.correspondence.euclidean import (
     medoid,
     root_mean_square_spread,
 )
-from ostiform.correspondence.landmarks import TemplateMarks, landmark_term
+from ostiform.correspondence.landmarks import LandmarkTerm, TemplateMarks, landmark_term
 from ostiform.correspondence.metric import MetricTerm
 from ostiform.correspondence.penalty import displacement_penalty
-from ostiform.correspondence.sampling import ShapeSampler
 from ostiform.correspondence.settings import CorrespondenceSettings
-from ostiform.correspondence.shape_step import WarpLevel, start, warp_level
+from ostiform.correspondence.shape_step import WarpLevel, WarpState, warp_level
+from ostiform.correspondence.shapes import Shapes, marks_of, sampled
 from ostiform.correspondence.sweeps import (
     Journal,
     LevelStatus,
@@ -71,7 +71,7 @@ class Problem:
 
     Attributes
     ----------
-    samplers : tuple of ShapeSampler
+    shapes : Shapes
     template, coarse : Template
         All P points, and the Q at which the objective is evaluated.
     index : (Q,) int64
@@ -93,7 +93,7 @@ class Problem:
         Where the users' landmarks lie among the coarse points.
     """
 
-    samplers: tuple[ShapeSampler, ...]
+    shapes: Shapes
     template: Template
     coarse: Template
     index: IntArray
@@ -157,10 +157,11 @@ def coarse_template(template: Template, least: int) -> tuple[Template, IntArray]
 
 def first_population(problem: Problem, directions: FloatArray) -> Population:
     """Return shapes whose template points are at directions (N, P, 3), aligned."""
-    level = _level(problem, no_control_points(), no_control_points())
+    landmarks = problem.shapes.each(
+        sampled, [own[problem.index] for own in directions], problem.coarse
+    )
     states = tuple(
-        start(sampler, level, own)
-        for sampler, own in zip(problem.samplers, directions, strict=True)
+        WarpState(own, points) for own, points in zip(directions, landmarks, strict=True)
     )
     identity = np.broadcast_to(np.eye(4), (len(states), 4, 4))
     population = Population(states, identity)
@@ -183,7 +184,7 @@ def euclidean_level(problem: Problem, population: Population, journal: Journal) 
         return euclidean_forms(aligned, shares, reference, problem.unit_mm)
 
     def take(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
-        return joint_sweep(problem.samplers, current, level, forms(current.aligned))
+        return joint_sweep(problem.shapes, current, level, forms(current.aligned))
 
     def value(aligned: FloatArray) -> float:
         return euclidean_value(forms(aligned), aligned)
@@ -212,7 +213,7 @@ def optimal_levels(
         boundary = boundary_control_points(problem.circles, number)
         if number in journal.begun:
             for _ in range(journal.begun[number].sweeps):
-                rng.permutation(len(problem.samplers))  # drawn by the sweeps of the earlier run
+                rng.permutation(len(problem.shapes))  # drawn by the sweeps of the earlier run
         result = _swept(
             problem,
             population,
@@ -262,10 +263,10 @@ def _length_objective(
     def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
         form = majoriser(spectrum(current.aligned, problem.weights), problem.weights, l_cut)
         form = joined_forms(form, coherence_form(coherence, form.target))
-        return joint_sweep(problem.samplers, current, level, (form,) * len(current.states))
+        return joint_sweep(problem.shapes, current, level, (form,) * len(current.states))
 
     def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
-        return conjugate_gradient_sweep(problem.samplers, current, level, l_cut, coherence, rng)
+        return conjugate_gradient_sweep(problem.shapes, current, level, l_cut, coherence, rng)
 
     take = majorise if problem.settings.optimiser == "majorise" else descend
     return SweepObjective(value, take, _realigner(problem, value))
@@ -277,6 +278,11 @@ def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -
     penalty = displacement_penalty(
         problem.coarse, problem.weights, problem.settings.stretch, problem.settings.offset
     )
+    marks = problem.marks
+    terms: tuple[LandmarkTerm | None, ...] = ()
+    if marks is not None:
+        own = problem.shapes.each(marks_of, [None] * len(problem.shapes), None)
+        terms = tuple(landmark_term(marks, of_shape) for of_shape in own)
     return warp_level(
         problem.template,
         problem.coarse,
@@ -284,10 +290,8 @@ def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -
         basis,
         penalty,
         problem.metric,
-        problem.marks,
-        ()
-        if problem.marks is None
-        else tuple(landmark_term(problem.marks, sampler.marks) for sampler in problem.samplers),
+        marks,
+        terms,
     )
 
 

@@ -7,13 +7,13 @@ shape adds ``sum_l |sum_k b_lk x_k - p_l|^2 / sd_l^2`` to its objective: the neg
 twice, of the probability that the user clicked at p_l where the shape's points say the place is.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.correspondence.sampling import ShapeSampler, SurfaceMarks, pull_back
+from ostiform.correspondence.shapes import GivenShapes, as_shapes
 from ostiform.domain import Template
 from ostiform.errors import InputError
 from ostiform.surface import closest_points, normalised, surface_tree
@@ -67,12 +67,12 @@ class LandmarkTerm:
     precisions: FloatArray
 
 
-def template_marks(samplers: Sequence[ShapeSampler], coarse: Template) -> TemplateMarks | None:
+def template_marks(shapes: GivenShapes, coarse: Template) -> TemplateMarks | None:
     """Return where the population's landmarks lie on a template; None where no shape has any.
 
     Parameters
     ----------
-    samplers : sequence of ShapeSampler
+    shapes : Shapes or sequence of ShapeSampler
     coarse : Template
         Of the optimiser's points.
 
@@ -82,8 +82,8 @@ def template_marks(samplers: Sequence[ShapeSampler], coarse: Template) -> Templa
         If a landmark lies on different components of different shapes.
     """
     places: dict[str, list[tuple[int, FloatArray]]] = {}
-    for sampler in samplers:
-        for name, place in zip(*_places(sampler), strict=True):
+    for of_shape in as_shapes(shapes).each(_places, [None] * len(shapes), None):
+        for name, place in zip(*of_shape, strict=True):
             places.setdefault(name, []).append(place)
     if not places:
         return None
@@ -162,7 +162,9 @@ def _residuals(term: LandmarkTerm, points: FloatArray) -> FloatArray:
     return residuals
 
 
-def _places(sampler: ShapeSampler) -> tuple[tuple[str, ...], list[tuple[int, FloatArray]]]:
+def _places(
+    sampler: ShapeSampler, _item: None, _shared: None
+) -> tuple[tuple[str, ...], list[tuple[int, FloatArray]]]:
     """Return the component and the direction that a shape's map gives each of its landmarks."""
     if sampler.marks is None:
         return (), []

@@ -6,13 +6,13 @@ are carried back to the domain, where they become the template. Done twice: the 
 even mesh of the domain, finds the regions that it samples too thinly; the second is the result.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.sampling import ShapeSampler, pulled_back, sample
+from ostiform.correspondence.shapes import GivenShapes, as_shapes
 from ostiform.correspondence.untangled_template import fold_free_triangulation
 from ostiform.domain import BaseDomain, Circle, Template
 from ostiform.domain.levels import with_levels
@@ -23,6 +23,8 @@ from ostiform.surface.remesh import RemeshRules, isotropic_remeshed
 from ostiform.surface.sphere import normalised
 
 __all__ = ["TemplateCoverage", "mean_surface", "population_template", "template_coverage"]
+
+DECIMALS = 6
 
 DENSITY = 2.0
 """Points of the meshes on which the mean surface is computed, over those of the template."""
@@ -59,7 +61,7 @@ class TemplateCoverage:
 
 
 def population_template(
-    samplers: Sequence[ShapeSampler],
+    shapes: GivenShapes,
     domain: BaseDomain,
     n_points: int,
     poses: FloatArray,
@@ -71,7 +73,7 @@ def population_template(
 
     Parameters
     ----------
-    samplers : sequence of ShapeSampler
+    shapes : Shapes or sequence of ShapeSampler
     domain : BaseDomain
     n_points : int
         Points of the template, reached to within 2 %.
@@ -91,36 +93,36 @@ def population_template(
     ConvergenceError
         If the number of points is not reached.
     """
-    if len(samplers) == 0 or poses.shape != (len(samplers), 4, 4):
+    if len(shapes) == 0 or poses.shape != (len(shapes), 4, 4):
         raise InputError(
             f"population template: expected one 4 x 4 pose for each of at least one shape, found "
-            f"{len(samplers)} shapes and poses of shape {poses.shape}"
+            f"{len(shapes)} shapes and poses of shape {poses.shape}"
         )
     dense = graded_template(domain, round(DENSITY * n_points), iterations=START_ITERATIONS)
     dense = _remeshed_template(
-        domain, dense, mean_surface(samplers, dense, poses), DENSITY * n_points
+        domain, dense, mean_surface(shapes, dense, poses), DENSITY * n_points
     )
-    template = _remeshed_template(domain, dense, mean_surface(samplers, dense, poses), n_points)
+    template = _remeshed_template(domain, dense, mean_surface(shapes, dense, poses), n_points)
     fewest = SMALLEST_LEVEL * max(len(template.curves), 1)
     total = len(template.points)
     counts = [total // ratio for ratio in LEVEL_RATIOS if total // ratio >= fewest]
-    return with_levels(template, domain, counts, mean_surface(samplers, template, poses))
+    return with_levels(template, domain, counts, mean_surface(shapes, template, poses))
 
 
-def mean_surface(
-    samplers: Sequence[ShapeSampler], template: Template, poses: FloatArray
-) -> FloatArray:
+def mean_surface(shapes: GivenShapes, template: Template, poses: FloatArray) -> FloatArray:
     """Return the mean (P, 3) in millimetres of the shapes sampled at a template's own points.
 
-    The same to the last bit in any order of the shapes.
+    To a millionth of a millimetre: sums of floating-point numbers depend on their order, poses
+    that were fitted together too, and remeshing would magnify the last bit.
     """
-    points = np.empty((len(samplers), *template.points.shape))  # (N, P, 3)
-    for index, (shape, pose) in enumerate(zip(samplers, poses, strict=True)):
-        points[index] = sample(shape, template, template.points) @ pose[:3, :3].T + pose[:3, 3]
-    # Sums of floating-point numbers depend on their order; remeshing would magnify the last bit.
-    points.sort(axis=0)
-    mean: FloatArray = points.sum(axis=0) / len(samplers)
+    points = np.stack(as_shapes(shapes).each(_posed, list(poses), template))  # (N, P, 3)
+    mean: FloatArray = np.round(points.mean(axis=0), DECIMALS)
     return mean
+
+
+def _posed(shape: ShapeSampler, pose: FloatArray, template: Template) -> FloatArray:
+    posed: FloatArray = sample(shape, template, template.points) @ pose[:3, :3].T + pose[:3, 3]
+    return posed
 
 
 def template_coverage(shape: ShapeSampler, template: Template) -> TemplateCoverage:

@@ -14,18 +14,21 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import AlignmentMode, align
+from ostiform.correspondence.crowding import crowding_value
 from ostiform.correspondence.description_length import QuadraticForm
 from ostiform.correspondence.landmarks import landmark_term, landmark_value
 from ostiform.correspondence.metric import MetricTerm, metric_value, with_reference
 from ostiform.correspondence.penalty import penalty_value
 from ostiform.correspondence.sampling import ShapeSampler
 from ostiform.correspondence.shape_step import (
+    Proposal,
     ShapeGoal,
     WarpLevel,
     WarpState,
     advance,
     propose,
 )
+from ostiform.correspondence.shapes import GivenShapes, as_shapes
 from ostiform.surface import vertex_areas
 
 __all__ = [
@@ -50,7 +53,7 @@ __all__ = [
 class LevelStatus(Enum):
     """How the sweeps of a level ended."""
 
-    CONVERGED = "the objective and its gradient changed by less than the tolerance"
+    CONVERGED = "the objective fell by less than the tolerance and its gradient is below it"
     SWEEP_LIMIT = "stopped at the largest number of sweeps before converging"
     STALLED = "no shape found a step that lowers the objective, although the gradient is not small"
 
@@ -199,6 +202,7 @@ def mean_penalty(population: Population, level: WarpLevel) -> float:
     total = sum(
         penalty_value(level.penalty, state.directions[level.index])
         + metric_value(metric, state.landmarks)
+        + crowding_value(level.template, state.directions)
         for state in population.states
     )
     if level.terms:
@@ -262,8 +266,31 @@ class SweepObjective:
     realign: Callable[[Population], Population]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rules:
+    """What all shapes of a sweep share; the form only where it is the same for all.
+
+    The common step (D,) is the mean of those that the shapes propose.
+    """
+
+    level: WarpLevel
+    metric: MetricTerm
+    form: QuadraticForm | None
+    common: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turn:
+    """What a shape has of its own in a sweep; the form only where every shape has another."""
+
+    state: WarpState
+    transform: FloatArray
+    form: QuadraticForm | None
+    step: FloatArray
+
+
 def joint_sweep(
-    samplers: Sequence[ShapeSampler],
+    shapes: GivenShapes,
     population: Population,
     level: WarpLevel,
     forms: Sequence[QuadraticForm],
@@ -272,29 +299,59 @@ def joint_sweep(
 
     The steps are made without regard to each other and their mean over the population is removed
     (a velocity common to all shapes moves points together and explains nothing); then each shape
-    takes the longest part of its step that lowers its own objective.
+    takes the longest part of its step that lowers its own objective. Where no part of it does, as
+    happens while shapes are far from their goals, the shape tries its step with the mean.
     """
-    metric = current_metric(population, level)
-    goals = [
-        ShapeGoal(form, metric, landmark_term(level.marks, sampler.marks))
-        for form, sampler in zip(forms, samplers, strict=True)
+    kept = as_shapes(shapes)
+    is_common = all(form is forms[0] for form in forms)
+    # The terms of all shapes' landmarks stay here: each shape makes its own from its marks.
+    nothing = np.zeros(len(level.basis))
+    rules = _Rules(
+        replace(level, terms=()),
+        current_metric(population, level),
+        forms[0] if is_common else None,
+        nothing,
+    )
+    turns = [
+        _Turn(state, transform, None if is_common else form, nothing)
+        for state, transform, form in zip(
+            population.states, population.transforms, forms, strict=True
+        )
     ]
-    triples = list(zip(samplers, population.states, goals, population.transforms, strict=True))
-    proposals = [
-        propose(sampler, state, level, goal, transform)
-        for sampler, state, goal, transform in triples
-    ]
+    proposals = kept.each(_proposed, turns, rules)
     steps = np.stack([proposal.coefficients for proposal in proposals])  # (N, D)
-    steps -= steps.mean(axis=0)
-    outcomes = [
-        advance(sampler, state, level, goal, transform, step)
-        for (sampler, state, goal, transform), step in zip(triples, steps, strict=True)
-    ]
-    parts = np.array([part for _, part in outcomes])
+    common = steps.mean(axis=0)
+    outcomes = kept.each(
+        _advanced,
+        [replace(turn, step=step) for turn, step in zip(turns, steps, strict=True)],
+        replace(rules, common=common),
+    )
+    taken = np.stack([step for _, step in outcomes])  # (N, D)
     moved = replace(population, states=tuple(state for state, _ in outcomes))
     gradients = np.stack([proposal.half_gradient for proposal in proposals])  # (N, D)
-    expected = max(-float(np.sum(gradients * steps)), 0.0) / max(len(proposals) - 1, 1)
-    return moved, sweep_outcome(population, moved, steps * parts[:, None], expected)
+    expected = max(-float(np.sum(gradients * (steps - common))), 0.0) / max(len(proposals) - 1, 1)
+    return moved, sweep_outcome(population, moved, taken, expected)
+
+
+def _proposed(shape: ShapeSampler, turn: _Turn, rules: _Rules) -> Proposal:
+    return propose(shape, turn.state, rules.level, _goal(shape, turn, rules), turn.transform)
+
+
+def _advanced(shape: ShapeSampler, turn: _Turn, rules: _Rules) -> tuple[WarpState, FloatArray]:
+    """Return the state after a step and the step (D,); without the common part if that helps."""
+    goal = _goal(shape, turn, rules)
+    for step in (turn.step - rules.common, turn.step):
+        state, part = advance(shape, turn.state, rules.level, goal, turn.transform, step)
+        if part > 0.0:
+            break
+    return state, part * step
+
+
+def _goal(shape: ShapeSampler, turn: _Turn, rules: _Rules) -> ShapeGoal:
+    form = rules.form if turn.form is None else turn.form
+    if form is None:
+        raise ValueError("a shape of a sweep has a form of its own, or all share one")
+    return ShapeGoal(form, rules.metric, landmark_term(rules.level.marks, shape.marks))
 
 
 def sweep_outcome(

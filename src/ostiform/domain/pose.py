@@ -6,7 +6,7 @@ determine a rotation (none or one opening, openings on one line) are turned so t
 fit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -21,10 +21,18 @@ from ostiform.domain.procrustes import (
 )
 from ostiform.domain.surface_fit import SurfaceSample, fitted_rotation, sampled_surface
 from ostiform.errors import InputError
-from ostiform.study import Shape
+from ostiform.study import Shape, ShapeId
 from ostiform.surface import Surface
 
-__all__ = ["PopulationPoses", "PoseMethod", "landmarks", "population_poses"]
+__all__ = [
+    "PopulationPoses",
+    "PoseFeatures",
+    "PoseMethod",
+    "landmarks",
+    "population_poses",
+    "pose_features",
+    "poses_of_features",
+]
 
 # Second singular value of the landmarks over the shape's radius of gyration below which they lie
 # on one line as far as a rotation about it is concerned: 3 degrees of error per 0.25 % of noise.
@@ -86,6 +94,34 @@ class PopulationPoses:
         object.__setattr__(self, "mirrored", mirrored)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseFeatures:
+    """What the pose of a shape rests on: all that a population needs to know of it.
+
+    Attributes
+    ----------
+    id : ShapeId
+    landmarks : mapping of str to (3,) float64, mm
+    sample : SurfaceSample
+    """
+
+    id: ShapeId
+    landmarks: Mapping[str, FloatArray]
+    sample: SurfaceSample
+
+
+def pose_features(shape: Shape) -> PoseFeatures:
+    """Return what the pose of a shape rests on.
+
+    Raises
+    ------
+    InputError
+        If the shape has no area.
+    """
+    sample = sampled_surface(str(shape.id), list(shape.parts.values()))
+    return PoseFeatures(shape.id, landmarks(shape), sample)
+
+
 def population_poses(shapes: Sequence[Shape]) -> PopulationPoses:
     """Return the rigid transforms that bring the shapes of a population into one frame.
 
@@ -105,10 +141,21 @@ def population_poses(shapes: Sequence[Shape]) -> PopulationPoses:
     InputError
         If there is no shape, the shapes differ in parts or openings, or one has no area.
     """
+    return poses_of_features([pose_features(shape) for shape in shapes])
+
+
+def poses_of_features(shapes: Sequence[PoseFeatures]) -> PopulationPoses:
+    """Return the poses of `population_poses` from the features of its shapes.
+
+    Raises
+    ------
+    InputError
+        If there is no shape, or the shapes differ in parts or openings.
+    """
     if not shapes:
         raise InputError("population: expected at least one shape to pose, found none")
     names, positions = _all_landmarks(shapes)
-    samples = [sampled_surface(str(shape.id), list(shape.parts.values())) for shape in shapes]
+    samples = [shape.sample for shape in shapes]
     weights = np.full(len(names), 1.0 / len(names))
     centroids = np.einsum("l,nli->ni", weights, positions)  # (N, 3)
     centred = positions - centroids[:, None, :]  # (N, L, 3)
@@ -133,8 +180,8 @@ def landmarks(shape: Shape) -> dict[str, FloatArray]:
     return points
 
 
-def _all_landmarks(shapes: Sequence[Shape]) -> tuple[list[str], FloatArray]:
-    found = [landmarks(shape) for shape in shapes]
+def _all_landmarks(shapes: Sequence[PoseFeatures]) -> tuple[list[str], FloatArray]:
+    found = [shape.landmarks for shape in shapes]
     names = sorted(found[0])
     for shape, points in zip(shapes, found, strict=True):
         different = sorted(set(points) ^ set(names))
@@ -180,7 +227,7 @@ def _method(centred: FloatArray, samples: Sequence[SurfaceSample]) -> PoseMethod
 
 
 def _posed_by_landmarks(
-    shapes: Sequence[Shape], centred: FloatArray, centroids: FloatArray, weights: FloatArray
+    shapes: Sequence[PoseFeatures], centred: FloatArray, centroids: FloatArray, weights: FloatArray
 ) -> PopulationPoses:
     sizes = weighted_norms(centred, weights)  # (N,)
     superposition = superposed(
@@ -213,7 +260,7 @@ def _posed_by_landmarks(
 
 
 def _posed_by_surfaces(
-    shapes: Sequence[Shape],
+    shapes: Sequence[PoseFeatures],
     samples: Sequence[SurfaceSample],
     centred: FloatArray,
     method: PoseMethod,
@@ -252,7 +299,7 @@ def _axes(centred: FloatArray) -> FloatArray:
     return axes
 
 
-def _reference(shapes: Sequence[Shape], distances: FloatArray, sizes: FloatArray) -> int:
+def _reference(shapes: Sequence[PoseFeatures], distances: FloatArray, sizes: FloatArray) -> int:
     """Return the shape of least distance; of several, the largest, then the first by name."""
     nearest = np.flatnonzero(distances <= distances.min() + TIE * sizes.mean())
     largest = nearest[sizes[nearest] >= sizes[nearest].max() * (1.0 - TIE)]

@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
-from ostiform.execution import Workers
+from ostiform.errors import CollapseError
+from ostiform.execution import ClusterWorkers, Workers
 from ostiform.pipeline.correspond import Corresponded, correspond_shapes
 from ostiform.pipeline.embed import Embedded, embed_shapes
 from ostiform.pipeline.evaluate import evaluate_models
@@ -18,6 +19,7 @@ from ostiform.pipeline.prepare import Prepared, prepare_shapes
 from ostiform.pipeline.report import report_run
 from ostiform.pipeline.run import Failure, Run
 from ostiform.pipeline.store import Store, key_of
+from ostiform.pipeline.stored_shapes import remove_samplers
 from ostiform.study import Study, read_study
 
 __all__ = ["Stage", "Summary", "build_study"]
@@ -70,6 +72,7 @@ def build_study(
     *,
     until: Stage = Stage.REPORT,
     workers: int = 1,
+    scheduler: str | None = None,
     tell: Tell | None = None,
 ) -> Summary:
     """Build the model of a study, or the part of it up to a stage.
@@ -85,14 +88,18 @@ def build_study(
     until : Stage
         The last stage to run.
     workers : int
-        Processes.
+        Processes of this machine.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers do the work instead. They must see the study
+        and the output folder under the same paths.
     tell : callable, optional
         Takes the events of the run.
 
     Raises
     ------
     OstiformError
-        If the study is wrong, too few shapes can be used, or an artifact cannot be written.
+        If the study is wrong, too few shapes can be used, an artifact cannot be written, or,
+        after everything is written, if an optimised model has collapsed (`CollapseError`).
     """
     heard: list[str] = []
 
@@ -102,14 +109,36 @@ def build_study(
         if tell is not None:
             tell(event)
 
-    read = study if isinstance(study, Study) else read_study(study)
-    with taken(output), Workers(workers) as pool:
-        return _staged(Run(read, Store(output), pool, watch), until, heard)
+    if scheduler is None:
+        read = study if isinstance(study, Study) else read_study(study)
+        with taken(output), Workers(workers) as pool:
+            return _staged(Run(read, Store(output), pool, watch), until, heard)
+    read = _findable(study if isinstance(study, Study) else read_study(study.absolute()))
+    root = output.absolute()
+    with ClusterWorkers(scheduler) as cluster, taken(root):
+        cluster.check(root)
+        return _staged(Run(read, Store(root), cluster, watch), until, heard)
+
+
+def _findable(study: Study) -> Study:
+    """Return a study whose files are found from any folder of any machine."""
+    entries = tuple(
+        replace(
+            entry,
+            files={part: path.absolute() for part, path in entry.files.items()},
+            cuts=None if entry.cuts is None else entry.cuts.absolute(),
+        )
+        for entry in study.entries
+    )
+    return replace(
+        study, path=study.path.absolute(), folder=study.folder.absolute(), entries=entries
+    )
 
 
 def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
     clock = _Clock({})
     failures: list[Failure] = []
+    collapsed: tuple[str, ...] = ()
     try:
         prepared: Prepared = clock.timed("prepare", lambda: prepare_shapes(run))
         failures += prepared.failures
@@ -124,7 +153,9 @@ def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
     if until >= Stage.MODEL:
         clock.timed("model", lambda: model_shapes(run, corresponded))
     if until >= Stage.EVALUATE:
-        clock.timed("evaluate", lambda: evaluate_models(run, prepared, embedded, corresponded))
+        collapsed = clock.timed(
+            "evaluate", lambda: evaluate_models(run, prepared, embedded, corresponded)
+        )
     if until >= Stage.REPORT:
         clock.timed(
             "report",
@@ -133,6 +164,13 @@ def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
             ),
         )
         run.tell(Note(f"report: {run.store.path('report.html')}"))
+    remove_samplers(run.store)
+    if collapsed and run.study.settings.evaluation.collapse == "stop":
+        raise CollapseError(
+            f"{run.store.root}: {'; '.join(collapsed)}; everything is written there: look at the "
+            'report, raise "coherence" of [correspondence] or take the conformal model, or accept '
+            'this one with collapse = "warn" in [evaluation]'
+        )
     return Summary(run.store.root, len(run.study.entries), tuple(failures), clock.seconds)
 
 

@@ -16,27 +16,30 @@ from ostiform.arrays import FloatArray
 from ostiform.correspondence import (
     KINDS,
     CorrespondenceSettings,
-    ShapeSampler,
+    LevelStatus,
     SweepRecord,
     TrainedCorrespondence,
     build_yardstick,
     correspond,
-    sampler,
 )
-from ostiform.domain import BaseDomain
 from ostiform.errors import InputError
 from ostiform.model import write_correspondence
-from ostiform.pipeline.arrays_file import read_embeddings
-from ostiform.pipeline.embed import Embedded, embedding_artifact
+from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.events import Note, Progress, Warn
-from ostiform.pipeline.landmarks import landmark_inputs, stated_marks, with_marks
+from ostiform.pipeline.landmarks import landmark_inputs, stated_marks
 from ostiform.pipeline.prepare import Prepared
-from ostiform.pipeline.run import Ready, Run
+from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store, key_of
+from ostiform.pipeline.stored_shapes import stored_shapes
 from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
 
-__all__ = ["Corresponded", "correspond_shapes", "correspondence_settings", "read_samplers"]
+__all__ = [
+    "Corresponded",
+    "convergence_warning",
+    "correspond_shapes",
+    "correspondence_settings",
+]
 
 FACTS = "correspondence.json"
 
@@ -82,8 +85,8 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
     unfinished = Unfinished(run.store, "correspondence", key)
     artifacts = [f"{kind}/correspondence.h5" for kind in KINDS]
     if not all(run.store.is_current(name, key) for name in [*artifacts, FACTS]):
-        samplers = read_samplers(run.store, embedded.ready, prepared.domain)
-        samplers = with_marks(samplers, stated_marks(run.study, ids))
+        marks = stated_marks(run.study, ids)
+        shapes = stored_shapes(run, embedded.ready, prepared.domain, marks)
         poses = prepared.poses[list(embedded.index)]
         total = settings.levels * settings.sweeps
         run.tell(Progress("correspond", 0, total))
@@ -97,9 +100,9 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
             detail = f"level {record.level} sweep {record.sweep}: {record.objective:.5g}"
             run.tell(Progress("correspond", min(done, total - 1), total, detail))
 
-        yardstick = build_yardstick(samplers, ids, prepared.domain, poses, settings)
+        yardstick = build_yardstick(shapes, ids, prepared.domain, poses, settings)
         trained = correspond(
-            samplers, ids, yardstick, settings, tell, begun=begun, keep=unfinished.keep
+            shapes, ids, yardstick, settings, tell, begun=begun, keep=unfinished.keep
         )
         for kind in KINDS:
             with run.store.writing(f"{kind}/correspondence.h5", key) as path:
@@ -129,16 +132,6 @@ def correspondence_settings(study: Study) -> CorrespondenceSettings:
     )
 
 
-def read_samplers(
-    store: Store, shapes: Sequence[Ready], domain: BaseDomain
-) -> tuple[ShapeSampler, ...]:
-    """Return the embedded shapes ready for sampling."""
-    return tuple(
-        sampler(read_embeddings(store.path(embedding_artifact(shape.name))), domain)
-        for shape in shapes
-    )
-
-
 def copy_artifact(store: Store, source: str, target: str, key: str) -> None:
     """Copy an artifact within the output folder, if the copy is not current."""
     if not store.is_current(target, key):
@@ -146,18 +139,23 @@ def copy_artifact(store: Store, source: str, target: str, key: str) -> None:
             shutil.copyfile(store.path(source), path)
 
 
-def _facts(trained: TrainedCorrespondence, settings: CorrespondenceSettings) -> dict[str, Any]:
+def convergence_warning(statuses: Sequence[LevelStatus]) -> str:
+    """Return which levels ended for another reason than their stopping rule; empty if none did."""
     stopped = [
         f"level {level}: {status.value}"
-        for level, status in enumerate(trained.statuses, start=1)
-        if not trained.has_converged
+        for level, status in enumerate(statuses, start=1)
+        if status is not LevelStatus.CONVERGED
     ]
+    return f"correspondence did not converge ({'; '.join(stopped)})" if stopped else ""
+
+
+def _facts(trained: TrainedCorrespondence, settings: CorrespondenceSettings) -> dict[str, Any]:
     return {
         "settings": asdict(settings),
         "l_cut_mm2": trained.yardstick.l_cut,
         "noise_mm": trained.yardstick.noise_mm,
         "statuses": [status.value for status in trained.statuses],
-        "warning": f"correspondence did not converge ({'; '.join(stopped)})" if stopped else "",
+        "warning": convergence_warning(trained.statuses),
         "history": [asdict(record) for record in trained.history],
         "control_points": {
             "interior": _points(trained.interior),

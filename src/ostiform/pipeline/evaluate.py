@@ -1,11 +1,13 @@
 """Stage 5: the evidence (HY 2.4, 3): compactness, generalisation, specificity, coverage, truth.
 
-Artifacts: ``folds/N.json`` (residues of the shapes left out of one fold), ``KIND/evaluation.json``
-and ``comparison.json``. While the sweeps of a fold go on, where they stand is in ``unfinished/``.
+Artifacts: ``folds/N.json`` (residues of the shapes left out of one fold),
+``KIND/evaluation.json``, ``evaluation.csv`` and ``comparison.json``. While the sweeps of a fold go
+on, where they stand is in ``unfinished/``.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
 
@@ -15,13 +17,10 @@ from ostiform.correspondence import (
     Correspondence,
     CorrespondenceSettings,
     Kind,
-    SurfaceMarks,
     build_yardstick,
     correspond,
     place,
-    sampler,
 )
-from ostiform.domain import BaseDomain
 from ostiform.evaluation import (
     MEASURES,
     Evaluation,
@@ -38,18 +37,23 @@ from ostiform.evaluation import (
     distance_to_truth,
     evaluate_model,
     fold_residues,
+    read_evaluation,
+    signs_of_collapse,
     write_comparisons,
     write_evaluation,
+    write_evaluation_table,
 )
+from ostiform.execution import Workers
 from ostiform.model import mesh_of_template, read_correspondence, read_model
-from ostiform.pipeline.arrays_file import read_embeddings, read_shape
+from ostiform.pipeline.arrays_file import read_shape
 from ostiform.pipeline.correspond import Corresponded, correspondence_settings
-from ostiform.pipeline.embed import Embedded, embedding_artifact
-from ostiform.pipeline.events import Note, Progress
+from ostiform.pipeline.embed import Embedded
+from ostiform.pipeline.events import Note, Progress, Warn
 from ostiform.pipeline.landmarks import stated_marks
 from ostiform.pipeline.prepare import Prepared, shape_artifact
 from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
+from ostiform.pipeline.stored_shapes import StoredShapes, stored_shapes
 from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
 from ostiform.study.truth import material_coordinates, read_truth, true_positions
@@ -57,14 +61,29 @@ from ostiform.study.truth import material_coordinates, read_truth, true_position
 __all__ = ["evaluate_models", "original_mesh"]
 
 COMPARISON = "comparison.json"
+TABLE = "evaluation.csv"
 FEWEST_SHAPES = 4
 """With fewer, a model without one of them has too little left to be judged."""
 
 
 def evaluate_models(
     run: Run, prepared: Prepared, embedded: Embedded, corresponded: Corresponded
-) -> None:
-    """Evaluate the three models of a run, leaving subjects out, and compare them."""
+) -> tuple[str, ...]:
+    """Evaluate the three models of a run, leaving subjects out, and compare them.
+
+    Returns
+    -------
+    collapsed : tuple of str
+        One clause per model that has collapsed: what was expected and what was found.
+    """
+    _made(run, prepared, embedded, corresponded)
+    collapsed = _collapsed(run.store)
+    for clause in collapsed:
+        run.tell(Warn(clause))
+    return collapsed
+
+
+def _made(run: Run, prepared: Prepared, embedded: Embedded, corresponded: Corresponded) -> None:
     settings = run.study.settings.evaluation
     truth_key = (
         None if settings.truth is None else file_hash(run.study.path.parent / settings.truth)
@@ -72,11 +91,11 @@ def evaluate_models(
     key = key_of(
         "evaluation",
         corresponded.key,
-        settings.model_dump(mode="json"),
+        settings.model_dump(mode="json", exclude={"collapse"}),
         run.study.settings.seed,
         truth_key,
     )
-    artifacts = [*(f"{kind}/evaluation.json" for kind in KINDS), COMPARISON]
+    artifacts = [*(f"{kind}/evaluation.json" for kind in KINDS), COMPARISON, TABLE]
     if all(run.store.is_current(name, key) for name in artifacts):
         return
     residues = _left_out(run, prepared, embedded, corresponded)
@@ -93,9 +112,43 @@ def evaluate_models(
     for evaluation in evaluations:
         with run.store.writing(f"{evaluation.kind}/evaluation.json", key) as path:
             write_evaluation(path, evaluation)
+    with run.store.writing(TABLE, key) as path:
+        write_evaluation_table(path, evaluations)
     comparisons = [compare(evaluations[-1], other) for other in evaluations[:-1]]
     with run.store.writing(COMPARISON, key) as path:
         write_comparisons(path, comparisons)
+
+
+def _collapsed(store: Store) -> tuple[str, ...]:
+    start, *optimised = (read_evaluation(store.path(f"{kind}/evaluation.json")) for kind in KINDS)
+    found = ((model.kind, signs_of_collapse(model, start)) for model in optimised)
+    return tuple(
+        f"the {kind} model has collapsed: expected {' and '.join(signs)}"
+        for kind, signs in found
+        if signs
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Originals(Sequence[OriginalMesh]):
+    """The surfaces of all shapes as they were read, each taken from disk when asked for."""
+
+    store: Store
+    shapes: tuple[Ready, ...]
+
+    def __len__(self) -> int:
+        return len(self.shapes)
+
+    @overload
+    def __getitem__(self, index: int) -> OriginalMesh: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "_Originals": ...
+
+    def __getitem__(self, index: int | slice) -> "OriginalMesh | _Originals":
+        if isinstance(index, slice):
+            return _Originals(self.store, self.shapes[index])
+        return original_mesh(self.store, self.shapes[index])
 
 
 def original_mesh(store: Store, shape: Ready) -> OriginalMesh:
@@ -116,10 +169,9 @@ class _FoldTask:
     key: str
     shapes: tuple[Ready, ...]
     poses: FloatArray
-    domain: BaseDomain
     settings: CorrespondenceSettings
     mode_counts: tuple[int, ...]
-    marks: tuple[SurfaceMarks | None, ...]
+    stored: StoredShapes
 
 
 def _left_out(
@@ -132,6 +184,8 @@ def _left_out(
     folds = cross_validation_folds([shape.id for shape in shapes])
     mode_counts = tuple(range(run.study.settings.evaluation.modes + 1))
     marks = stated_marks(run.study, [shape.id for shape in shapes])
+    # A fold is the work of one process, which takes its shapes from disk one after the other.
+    stored = replace(stored_shapes(run, shapes, prepared.domain, marks), workers=Workers(1))
     tasks = [
         _FoldTask(
             run.store,
@@ -140,10 +194,9 @@ def _left_out(
             key_of("fold", corresponded.key, [fold.label, fold.train, fold.test], mode_counts),
             shapes,
             prepared.poses[list(embedded.index)],
-            prepared.domain,
             correspondence_settings(run.study),
             mode_counts,
-            marks,
+            stored,
         )
         for number, fold in enumerate(folds.folds, start=1)
     ]
@@ -181,20 +234,10 @@ def _unfinished(task: _FoldTask) -> Unfinished:
 
 def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
     """Build the three models without a fold's shapes and place these in them."""
-    samplers = {
-        index: replace(
-            sampler(
-                read_embeddings(task.store.path(embedding_artifact(task.shapes[index].name))),
-                task.domain,
-            ),
-            marks=task.marks[index],
-        )
-        for index in (*fold.train, *fold.test)
-    }
-    training = [samplers[index] for index in fold.train]
+    training = task.stored.chosen(fold.train)
     ids = [task.shapes[index].id for index in fold.train]
     poses = task.poses[list(fold.train)]
-    yardstick = build_yardstick(training, ids, task.domain, poses, task.settings)
+    yardstick = build_yardstick(training, ids, task.stored.domain, poses, task.settings)
     unfinished = _unfinished(task)
     trained = correspond(
         training,
@@ -211,7 +254,7 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
         transforms: dict[int, FloatArray] = {}
         for group in groups:
             result = place(
-                [samplers[index] for index in group],
+                [task.stored.at(index) for index in group],
                 model,
                 jointly=task.settings.per == "subject",
                 transform=_known_transform(task, group, model.correspondence),
@@ -266,7 +309,7 @@ def _evaluated(task: _KindTask) -> Evaluation:
         task.kind,
         read_model(task.store.path(f"{task.kind}/model.h5")).model,
         (correspondence, read_correspondence(task.store.path("conformal/correspondence.h5"))),
-        [original_mesh(task.store, shape) for shape in task.shapes],
+        _Originals(task.store, task.shapes),
         task.l_cut,
         task.study.settings.seed,
         task.generalisation,

@@ -1,19 +1,18 @@
 """The landmarks that a study states, as the correspondence takes them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ostiform.correspondence import ShapeSampler, SurfaceMarks
+from ostiform.correspondence import SurfaceMarks
 from ostiform.errors import InputError
 from ostiform.exchange import read_landmarks
 from ostiform.pipeline.store import file_hash
 from ostiform.study import ShapeId, Study
 from ostiform.study.parts import internal_factors
 
-__all__ = ["landmark_inputs", "stated_marks", "with_marks"]
+__all__ = ["landmark_inputs", "stated_marks"]
 
 
 def stated_marks(study: Study, ids: Sequence[ShapeId]) -> tuple[SurfaceMarks | None, ...]:
@@ -46,13 +45,6 @@ def landmark_inputs(study: Study, ids: Sequence[ShapeId]) -> list[object]:
         study.settings.landmarks.sd_mm,
         [None if path is None else file_hash(path) for path in paths],
     ]
-
-
-def with_marks(
-    samplers: Sequence[ShapeSampler], marks: Sequence[SurfaceMarks | None]
-) -> tuple[ShapeSampler, ...]:
-    """Return the shapes with their landmarks."""
-    return tuple(replace(sampler, marks=own) for sampler, own in zip(samplers, marks, strict=True))
 
 
 def _path(study: Study, id: ShapeId) -> Path | None:

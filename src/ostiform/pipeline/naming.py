@@ -4,7 +4,7 @@ Artifacts: ``surveys/NAME.json``, what naming needs to know of each shape.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -57,7 +57,8 @@ class Named:
 def name_shapes(run: Run) -> Named:
     """Look at every shape and name its openings over the whole population."""
     entries = run.study.entries
-    tasks = [_SurveyTask(run.study, entry, run.store) for entry in entries]
+    study = replace(run.study, entries=())  # a task's own entry is all that it needs
+    tasks = [_SurveyTask(study, entry, run.store) for entry in entries]
     found, failures = over_shapes(run, "look", _survey, tasks, [entry.id for entry in entries])
     names, doubtful = _named(run, [survey for survey in found if survey is not None])
     return Named(names, (*failures, *doubtful))

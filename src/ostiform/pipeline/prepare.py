@@ -5,7 +5,7 @@ Artifacts: ``shapes/NAME.npz`` (the surfaces as read, in input coordinates), ``p
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,12 +16,14 @@ from ostiform.domain import (
     ComponentOutline,
     ConformalHoles,
     PopulationPoses,
+    PoseFeatures,
     chosen_pole,
     domain_from_json,
     domain_to_json,
     lay_out,
     outlined,
-    population_poses,
+    pose_features,
+    poses_of_features,
 )
 from ostiform.embedding import conformal_holes
 from ostiform.errors import InputError
@@ -69,7 +71,8 @@ def prepare_shapes(run: Run) -> Prepared:
     """Read every shape, bring the population into one pose and lay out its base domain."""
     named = name_shapes(run)
     entries = [entry for entry in run.study.entries if entry.id in named.names]
-    tasks = [_ReadTask(run.study, entry, named.names[entry.id], run.store) for entry in entries]
+    study = replace(run.study, entries=())  # a task's own entry is all that it needs
+    tasks = [_ReadTask(study, entry, named.names[entry.id], run.store) for entry in entries]
     found, failures = over_shapes(run, "read", _read, tasks, [entry.id for entry in entries])
     repairs = {item.ready.name: item.repairs for item in found if item and item.repairs}
     ready = survivors(item.ready if item else None for item in found)
@@ -141,8 +144,15 @@ def _read(task: _ReadTask) -> _Read:
 
 
 def _poses(run: Run, ready: Sequence[Ready]) -> PopulationPoses:
-    shapes = [read_stored_shape(run.store.path(shape_artifact(shape.name))) for shape in ready]
-    return population_poses(shapes)
+    features: list[PoseFeatures | None] = [None] * len(ready)
+    names = [shape.name for shape in ready]
+    for outcome in run.workers.each(_pose_features, names, run.store):
+        features[outcome.index] = outcome.result
+    return poses_of_features([own for own in features if own is not None])
+
+
+def _pose_features(name: str, store: Store) -> PoseFeatures:
+    return pose_features(read_stored_shape(store.path(shape_artifact(name))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

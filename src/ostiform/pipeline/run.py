@@ -7,7 +7,7 @@ from functools import partial
 from typing import TypeVar
 
 from ostiform.errors import ArtifactError, OstiformError
-from ostiform.execution import Workers
+from ostiform.execution import Executor
 from ostiform.pipeline.events import Progress, Tell, Warn
 from ostiform.pipeline.store import Store
 from ostiform.study import ShapeId, Study
@@ -26,14 +26,14 @@ class Run:
     ----------
     study : Study
     store : Store
-    workers : Workers
+    workers : Executor
     tell : callable
         Takes the events of the run.
     """
 
     study: Study
     store: Store
-    workers: Workers
+    workers: Executor
     tell: Tell
 
 

@@ -10,7 +10,7 @@ from ostiform.correspondence import LevelState
 from ostiform.pipeline.arrays_file import read_level_state, write_level_state
 from ostiform.pipeline.store import Store
 
-__all__ = ["Unfinished"]
+__all__ = ["FOLDER", "Unfinished"]
 
 FOLDER = "unfinished"
 
