@@ -1,9 +1,10 @@
 """How well a model is fitted to data it has never seen, against held-out truth.
 
-``python benchmarks/fitting.py RESULTS MESHES [--every 4] [--image docs/images/fitting.svg]``:
-RESULTS is the output folder of `ostiform build`; MESHES the folder of the surfaces it was built
-from. Every subject is left out in turn (of one subject, blocks of phases): the model is fitted
-again to the others' aligned points, and with it every ``--every``-th left-out shape from
+``python benchmarks/fitting.py STUDY OUT [--every 4] [--image docs/images/fitting.svg]``: every
+subject of a study is left out in turn (of one subject, blocks of phases): from the others' meshes
+a model is built through all stages (kept in OUT, and used again where it is current), so that
+neither domain nor template, warps, mean or modes have seen the left-out shapes. Every
+``--every``-th of them is then fitted from
 
 - its whole surface, and a share of it (cut by a plane of a random direction),
 - 2,000 points with noise, and with outliers (uniform in a box 1.5 times as large),
@@ -12,22 +13,22 @@ again to the others' aligned points, and with it every ``--every``-th left-out s
 - labelled landmarks: the centres of the openings, or points of the model with 1 mm of noise.
 
 Errors are against the whole true surface, mean of the two area-weighted mean distances, and
-against the shape's own points (where the correspondence that saw all shapes put them), weighted
-root mean square. The floor is the best projection: the shape's own points projected on the modes.
-Template and warps have seen the left-out shapes; means, modes and leftover have not.
+against the shape's own points, weighted root mean square: where `add_shapes` puts them, which maps
+and warps the shape against the finished model. The floor is the best projection: these points
+projected on the modes.
 """
 
 import argparse
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pyvista
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.correspondence import Correspondence
+from ostiform.errors import OstiformError
 from ostiform.evaluation import cross_validation_folds, surface_distances
 from ostiform.fitting import (
     CloudTarget,
@@ -40,14 +41,10 @@ from ostiform.fitting import (
     fit_prior,
     fit_shape,
 )
-from ostiform.model import (
-    StoredModel,
-    fit_model,
-    mesh_of_template,
-    project,
-    read_correspondence,
-    reconstruct,
-)
+from ostiform.model import project, read_correspondence, read_model, reconstruct
+from ostiform.pipeline import Stage, build_study
+from ostiform.pipeline.add import add_shapes
+from ostiform.study import ShapeEntry, read_study
 from ostiform.surface import face_areas, read_mesh
 
 CLOUD = 2000
@@ -81,18 +78,18 @@ class Outcome:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("results", type=Path)
-    parser.add_argument("meshes", type=Path)
+    parser.add_argument("study", type=Path)
+    parser.add_argument("out", type=Path)
     parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--only", default="", help="only conditions whose name holds this")
     parser.add_argument("--image", type=Path)
     given = parser.parse_args()
-    correspondence = read_correspondence(given.results / "correspondence.h5")
+    parts = tuple(read_study(given.study).settings.parts)
     table: dict[str, list[Outcome]] = {}
     floors: list[tuple[float, float, float]] = []
-    for prior, truth in left_out(correspondence, given.meshes, given.every):
+    for prior, truth in left_out(given.study, given.out, given.every):
         floors.append(floor_of(prior, truth))
-        for name, make, settings in conditions(correspondence.template.parts):
+        for name, make, settings in conditions(parts):
             if given.only in name:
                 table.setdefault(name, []).append(outcome(prior, truth, make, settings))
         print(f"{truth.label} done", flush=True)
@@ -101,46 +98,34 @@ def main() -> None:
         draw(given.image, table, floors)
 
 
-def left_out(
-    correspondence: Correspondence, meshes: Path, every: int
-) -> Iterator[tuple[FitPrior, Truth]]:
-    ids, weights = correspondence.ids, correspondence.weights
-    mesh = mesh_of_template(correspondence.template)
-    for fold in cross_validation_folds(ids).folds:
-        train = list(fold.train)
-        model = fit_model(correspondence.aligned[train], weights, mesh)
-        scores = project(model, correspondence.aligned[train])
-        stored = StoredModel(model, scores, tuple(ids[i] for i in train), None)
-        prior = fit_prior(stored)
+def left_out(path: Path, out: Path, every: int) -> Iterator[tuple[FitPrior, Truth]]:
+    study = read_study(path)
+    division = cross_validation_folds([entry.id for entry in study.entries])
+    for number, fold in enumerate(division.folds):
+        kept = tuple(study.entries[i] for i in fold.train)
+        place = out / f"without-{number + 1}"
+        build_study(replace(study, entries=kept), place, until=Stage.MODEL)
+        prior = fit_prior(read_model(place / "model.h5"))
         for i in fold.test:
             if i % every == 0:
+                entry = study.entries[i]
+                try:
+                    add_shapes(place, path, out / "added", [str(entry.id)])
+                except OstiformError as error:
+                    print(f"{entry.id} left out: {error}")
+                    continue
+                larger = read_correspondence(out / "added" / "correspondence.h5")
                 yield (
                     prior,
                     Truth(
-                        str(ids[i]),
-                        true_parts(meshes, ids[i].subject, ids[i].phase, mesh.parts),
-                        correspondence.points[i],
-                        correspondence.transforms[i],
+                        str(entry.id), true_parts(entry), larger.points[-1], larger.transforms[-1]
                     ),
                 )
 
 
-def true_parts(
-    meshes: Path, subject: str, phase: str, parts: tuple[str, ...]
-) -> dict[str, tuple[FloatArray, IntArray]]:
-    found = {}
-    for part in parts:
-        for pattern in (
-            f"{subject}_{phase}_{part}.vtp",
-            f"{subject}_{part}_ENDOCARDIAL_{phase}.vtk",
-            f"{part}_with_fibers_{subject}.vtk",
-        ):
-            if (meshes / pattern).is_file():
-                raw = read_mesh(meshes / pattern)
-                found[part] = used_only(raw.vertices, raw.faces)
-    if len(found) != len(parts):
-        raise SystemExit(f"no meshes of {subject} {phase} in {meshes}")
-    return found
+def true_parts(entry: ShapeEntry) -> dict[str, tuple[FloatArray, IntArray]]:
+    raw = {part: read_mesh(file) for part, file in entry.files.items()}
+    return {part: used_only(mesh.vertices, mesh.faces) for part, mesh in raw.items()}
 
 
 def used_only(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

@@ -6,12 +6,14 @@
     |-- EmbeddingError    a surface that could not be mapped to its sphere without folds
     |-- ConvergenceError  an iteration that stopped without reaching its goal
     |-- ArtifactError     a missing, foreign or damaged result of an earlier stage
+    |-- CollapseError     a model that is compact because its points left part of the surfaces
 
 Every message is one sentence: which file or subject, what was expected, what was found, what to do.
 """
 
 __all__ = [
     "ArtifactError",
+    "CollapseError",
     "ConvergenceError",
     "EmbeddingError",
     "InputError",
@@ -42,3 +44,7 @@ class ConvergenceError(OstiformError):
 
 class ArtifactError(OstiformError):
     """A missing, foreign or damaged result of an earlier stage."""
+
+
+class CollapseError(OstiformError):
+    """A model that is compact because its points left part of the surfaces."""

@@ -1,11 +1,13 @@
 """The evidence that a model is good: how compact, general, specific and true it is."""
 
+from ostiform.evaluation.classical import ClassicalMeasures, classical_measures
 from ostiform.evaluation.clinical import (
     VolumeCurve,
     enclosed_volumes,
     part_volumes,
     volume_curves,
 )
+from ostiform.evaluation.collapse import signs_of_collapse
 from ostiform.evaluation.compactness import Compactness, model_compactness
 from ostiform.evaluation.comparison import (
     PAPER_GAINS,
@@ -62,21 +64,33 @@ from ostiform.evaluation.measurements import (
     twist_angles,
 )
 from ostiform.evaluation.pointwise import PointResidues, left_out_point_residues
-from ostiform.evaluation.prediction import PredictionErrors, prediction_errors
+from ostiform.evaluation.prediction import PredictionErrors, baseline_cycles, prediction_errors
 from ostiform.evaluation.specificity import Specificity, model_specificity
+from ostiform.evaluation.surface_specificity import SurfaceSpecificity, surface_specificity
+from ostiform.evaluation.table import evaluation_rows, write_evaluation_table
 from ostiform.evaluation.truth import MaterialMap, TruthDistance, distance_to_truth
 from ostiform.evaluation.types import Evaluation
+from ostiform.evaluation.variance import (
+    DividedVariance,
+    PopulationSpread,
+    divided_variance,
+    population_spread,
+    surface_variance,
+    weight_drift,
+)
 
 __all__ = [
     "LEVELS",
     "MEASURES",
     "MODE_COUNTS",
     "PAPER_GAINS",
+    "ClassicalMeasures",
     "ClinicalTable",
     "Compactness",
     "Comparison",
     "Coverage",
     "Division",
+    "DividedVariance",
     "DynamicEvaluation",
     "Evaluation",
     "Fold",
@@ -91,15 +105,18 @@ __all__ = [
     "PairedDifference",
     "PlacedFold",
     "PointResidues",
+    "PopulationSpread",
     "PredictionErrors",
     "ResidueComparison",
     "Residues",
     "RimMeasures",
     "Specificity",
     "SurfaceDistance",
+    "SurfaceSpecificity",
     "TruePopulation",
     "TruthDistance",
     "VolumeCurve",
+    "classical_measures",
     "clinical_measures",
     "clinical_table",
     "compare",
@@ -108,11 +125,13 @@ __all__ = [
     "cross_validation_folds",
     "cumulative_variance_error",
     "distance_to_truth",
+    "divided_variance",
     "dynamic_evaluation_facts",
     "enclosed_volumes",
     "evaluate_dynamic_model",
     "evaluate_model",
     "evaluation_facts",
+    "evaluation_rows",
     "evaluation_from_facts",
     "fold_residues",
     "gain_interval",
@@ -123,15 +142,22 @@ __all__ = [
     "model_specificity",
     "paired_difference",
     "part_volumes",
+    "population_spread",
+    "baseline_cycles",
     "prediction_errors",
     "read_evaluation",
     "rim_measures",
     "shape_coverage",
     "shape_residues",
+    "signs_of_collapse",
     "surface_distances",
+    "surface_specificity",
+    "surface_variance",
     "true_population",
     "twist_angles",
     "volume_curves",
+    "weight_drift",
     "write_comparisons",
     "write_evaluation",
+    "write_evaluation_table",
 ]

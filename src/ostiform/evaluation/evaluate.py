@@ -4,15 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ostiform.arrays import FloatArray
 from ostiform.correspondence import Correspondence
 from ostiform.correspondence.description_length import description_length
 from ostiform.errors import InputError
+from ostiform.evaluation.classical import FEWEST_SHAPES, classical_measures
 from ostiform.evaluation.compactness import model_compactness
 from ostiform.evaluation.coverage import shape_coverage
 from ostiform.evaluation.generalisation import Generalisation, OriginalMesh
 from ostiform.evaluation.specificity import model_specificity
+from ostiform.evaluation.surface_specificity import surface_specificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.types import Evaluation
+from ostiform.evaluation.variance import population_spread
 from ostiform.model import ShapeModel
 
 __all__ = ["evaluate_model"]
@@ -74,4 +78,26 @@ def evaluate_model(
         ),
         generalisation=generalisation,
         truth=truth,
+        spread=population_spread(
+            correspondence.aligned,
+            _in_pose(initial.points, correspondence.transforms),
+            model.weights,
+            correspondence.template.faces,
+        ),
+        surface_specificity=surface_specificity(
+            model,
+            correspondence.aligned,
+            correspondence.transforms,
+            originals,
+            np.random.default_rng(seed),
+        ),
+        classical=None
+        if len(correspondence.ids) < FEWEST_SHAPES
+        else classical_measures(correspondence.aligned, np.random.default_rng(seed)),
     )
+
+
+def _in_pose(points: FloatArray, transforms: FloatArray) -> FloatArray:
+    """Return the shapes (N, P, 3) carried by their transforms (N, 4, 4)."""
+    moved: FloatArray = points @ np.swapaxes(transforms[:, :3, :3], 1, 2)
+    return moved + transforms[:, None, :3, 3]

@@ -11,14 +11,17 @@ import numpy as np
 from ostiform import __version__
 from ostiform.atomic import atomically
 from ostiform.errors import ArtifactError, OstiformError
+from ostiform.evaluation.classical import ClassicalMeasures
 from ostiform.evaluation.compactness import Compactness
 from ostiform.evaluation.comparison import Comparison
 from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.folds import Division
 from ostiform.evaluation.generalisation import MEASURES, Generalisation
 from ostiform.evaluation.specificity import Specificity
+from ostiform.evaluation.surface_specificity import SurfaceSpecificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.types import Evaluation
+from ostiform.evaluation.variance import DividedVariance, PopulationSpread
 from ostiform.study import ShapeId
 
 __all__ = [
@@ -38,6 +41,8 @@ Facts = dict[str, Any]
 def evaluation_facts(evaluation: Evaluation) -> Facts:
     """Return an evaluation as plain values for JSON; lengths in mm, variances in mm^2 per point."""
     generalisation, truth = evaluation.generalisation, evaluation.truth
+    spread, surface = evaluation.spread, evaluation.surface_specificity
+    classical = evaluation.classical
     return {
         **_heading(),
         "kind": evaluation.kind,
@@ -90,6 +95,32 @@ def evaluation_facts(evaluation: Evaluation) -> Facts:
                 part: {"mean_mm": mean, "p95_mm": p95} for part, (mean, p95) in truth.parts.items()
             },
         },
+        "spread": None
+        if spread is None
+        else {
+            "normal_variance_mm2": spread.variance.normal,
+            "tangential_variance_mm2": spread.variance.tangential,
+            "surface_variance_mm2": spread.surface_variance,
+            "weight_drift": spread.weight_drift,
+        },
+        "surface_specificity": None
+        if surface is None
+        else {
+            "mean_mm": surface.mean,
+            "standard_error_mm": surface.standard_error,
+            "samples_mm": surface.distances.tolist(),
+        },
+        "classical": None
+        if classical is None
+        else {
+            "mode_counts": classical.mode_counts.tolist(),
+            "compactness_mm2": classical.compactness.tolist(),
+            "generalisation_mm": classical.generalisation.tolist(),
+            "generalisation_error_mm": classical.generalisation_error.tolist(),
+            "specificity_mm": classical.specificity.tolist(),
+            "specificity_error_mm": classical.specificity_error.tolist(),
+            "n_samples": classical.n_samples,
+        },
     }
 
 
@@ -103,7 +134,9 @@ def evaluation_from_facts(facts: Mapping[str, Any]) -> Evaluation:
     """
     if facts["schema"] != SCHEMA:
         raise ValueError(f"schema {facts['schema']} where {SCHEMA} can be read")
-    residues, truth, spread = facts["generalisation"], facts["truth"], facts["specificity"]
+    residues, truth, random = facts["generalisation"], facts["truth"], facts["specificity"]
+    spread, surface = facts.get("spread"), facts.get("surface_specificity")
+    classical = facts.get("classical")
     return Evaluation(
         kind=facts["kind"],
         ids=tuple(ShapeId(**id) for id in facts["shapes"]),
@@ -114,10 +147,10 @@ def evaluation_from_facts(facts: Mapping[str, Any]) -> Evaluation:
         description_length=facts["description_length"]["value"],
         l_cut=facts["description_length"]["l_cut_mm2"],
         specificity=Specificity(
-            np.array(spread["mode_counts"]),
-            np.array(spread["mean_mm"]),
-            np.array(spread["standard_error_mm"]),
-            spread["n_samples"],
+            np.array(random["mode_counts"]),
+            np.array(random["mean_mm"]),
+            np.array(random["standard_error_mm"]),
+            random["n_samples"],
         ),
         coverage=tuple(
             Coverage(
@@ -143,6 +176,29 @@ def evaluation_from_facts(facts: Mapping[str, Any]) -> Evaluation:
             truth["p95_mm"],
             {part: (item["mean_mm"], item["p95_mm"]) for part, item in truth["parts"].items()},
         ),
+        spread=None
+        if spread is None
+        else PopulationSpread(
+            DividedVariance(spread["normal_variance_mm2"], spread["tangential_variance_mm2"]),
+            spread["surface_variance_mm2"],
+            spread["weight_drift"],
+        ),
+        surface_specificity=None
+        if surface is None
+        else SurfaceSpecificity(np.array(surface["samples_mm"])),
+        classical=None if classical is None else _classical_from_facts(classical),
+    )
+
+
+def _classical_from_facts(facts: Mapping[str, Any]) -> ClassicalMeasures:
+    return ClassicalMeasures(
+        mode_counts=np.array(facts["mode_counts"]),
+        compactness=np.array(facts["compactness_mm2"]),
+        generalisation=np.array(facts["generalisation_mm"]),
+        generalisation_error=np.array(facts["generalisation_error_mm"]),
+        specificity=np.array(facts["specificity_mm"]),
+        specificity_error=np.array(facts["specificity_error_mm"]),
+        n_samples=facts["n_samples"],
     )
 
 

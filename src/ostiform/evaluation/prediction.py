@@ -10,6 +10,7 @@ from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.model import (
     CyclePredictor,
+    DynamicModel,
     ObservedPhase,
     mean_cycle,
     pose_to_mean_cycle,
@@ -17,7 +18,7 @@ from ostiform.model import (
     resampled_cycle,
 )
 
-__all__ = ["PredictionErrors", "prediction_errors"]
+__all__ = ["PredictionErrors", "baseline_cycles", "prediction_errors"]
 
 QUANTILE = float(ndtri(0.975))
 """Half-width of a 95 % interval in standard deviations."""
@@ -97,26 +98,45 @@ def prediction_errors(
     ]
     found = predict_cycle(predictor, phases, moments[other])
     weights = model.total.weights
-    apart = np.abs((moments[other, None] - moments[chosen] + 0.5) % 1.0 - 0.5)
-    nearest = apart.argmin(axis=1)  # (n,) given phase nearest in time
-    at_given = np.stack(
-        [resampled_cycle(model, subject, moments[chosen]) for subject in model.subjects]
-    )  # (S, J, P, 3)
-    unlike = np.einsum("sjpi,p->s", (at_given - seen) ** 2, weights)
-    twin = model.subjects[int(unlike.argmin())]
+    mean_motion, nearest_subject = baseline_cycles(model, seen, moments[chosen], moments[other])
     inside = np.abs(found.shapes - true) <= QUANTILE * found.deviations[..., None]
-    before, after = moments[chosen], moments[other]
-    mean_motion = mean_cycle(model, after) - mean_cycle(model, before)[nearest]
-    twin_motion = (
-        resampled_cycle(model, twin, after) - resampled_cycle(model, twin, before)[nearest]
-    )
     return PredictionErrors(
-        times=after,
+        times=moments[other],
         predicted=_distances(found.shapes, true, weights),
-        mean_motion=_distances(seen[nearest] + mean_motion, true, weights),
-        nearest_subject=_distances(seen[nearest] + twin_motion, true, weights),
+        mean_motion=_distances(mean_motion, true, weights),
+        nearest_subject=_distances(nearest_subject, true, weights),
         coverage=inside.mean(axis=2) @ weights,
     )
+
+
+def baseline_cycles(
+    model: DynamicModel, seen: FloatArray, given: FloatArray, times: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what two simple rules make of the given phases of a heart.
+
+    Parameters
+    ----------
+    model : DynamicModel
+    seen : (J, P, 3) float64, mm
+        Given phases, placed by `pose_to_mean_cycle`.
+    given : (J,) float64
+        Their times, fractions of the cycle.
+    times : (T,) float64
+
+    Returns
+    -------
+    mean_motion, nearest_subject : (T, P, 3) float64, mm
+        The given phase nearest in time, moved as the mean cycle moves, or as the training subject
+        moves that looks most like the given phases.
+    """
+    apart = np.abs((times[:, None] - given + 0.5) % 1.0 - 0.5)
+    nearest = apart.argmin(axis=1)  # (T,) given phase nearest in time
+    at_given = np.stack([resampled_cycle(model, subject, given) for subject in model.subjects])
+    unlike = np.einsum("sjpi,p->s", (at_given - seen) ** 2, model.total.weights)
+    twin = int(unlike.argmin())
+    mean_motion = mean_cycle(model, times) - mean_cycle(model, given)[nearest]
+    motion = resampled_cycle(model, model.subjects[twin], times) - at_given[twin][nearest]
+    return seen[nearest] + mean_motion, seen[nearest] + motion
 
 
 def _distances(shapes: FloatArray, true: FloatArray, weights: FloatArray) -> FloatArray:

@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 
 from ostiform.errors import InputError
+from ostiform.evaluation.classical import ClassicalMeasures
 from ostiform.evaluation.compactness import Compactness
 from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.generalisation import Generalisation
 from ostiform.evaluation.specificity import Specificity
+from ostiform.evaluation.surface_specificity import SurfaceSpecificity
 from ostiform.evaluation.truth import TruthDistance
+from ostiform.evaluation.variance import PopulationSpread
 from ostiform.study import ShapeId
 
 __all__ = ["Evaluation"]
@@ -35,6 +38,12 @@ class Evaluation:
         None where there are too few shapes to leave some out.
     truth : TruthDistance or None
         None where the true correspondence is not known.
+    spread : PopulationSpread or None
+        None in evaluations of earlier versions.
+    surface_specificity : SurfaceSpecificity or None
+        None where the original surfaces are not known.
+    classical : ClassicalMeasures or None
+        None where there are too few shapes.
     """
 
     kind: str
@@ -46,6 +55,9 @@ class Evaluation:
     coverage: tuple[Coverage, ...]
     generalisation: Generalisation | None
     truth: TruthDistance | None
+    spread: PopulationSpread | None = None
+    surface_specificity: SurfaceSpecificity | None = None
+    classical: ClassicalMeasures | None = None
 
     def __post_init__(self) -> None:
         """Check that everything is about the same shapes."""

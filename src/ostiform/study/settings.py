@@ -216,12 +216,14 @@ class EvaluationSettings(_Settings):
     """What is measured.
 
     `truth` is the file of the true correspondence of a generated population, relative to the
-    study file.
+    study file. `collapse` says whether a run whose model has collapsed ends with an error, after
+    everything is written, or with a warning.
     """
 
     modes: Annotated[int, Field(ge=1)] = 10
     specificity_samples: Annotated[int, Field(ge=1)] = 1000
     truth: str | None = None
+    collapse: Literal["stop", "warn"] = "stop"
 
 
 class ReportSettings(_Settings):
