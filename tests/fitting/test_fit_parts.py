@@ -1,8 +1,10 @@
 """The pieces of a fit: leftover, prior, rows, patches, labels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from fitting_cases import stored_ellipsoids
+from fitting_cases import drawn_shape, stored_ellipsoids, surface_of
 from populations import two_part_template
 from scipy.spatial.transform import Rotation
 
@@ -16,13 +18,16 @@ from ostiform.fitting import (
     SurfaceTarget,
     estimated_leftover,
     fit_prior,
+    fit_shape,
     leftover_of_spectrum,
+    shape_deviations,
 )
+from ostiform.fitting.data import prepared_data
 from ostiform.fitting.kernels import design_rows, vertex_normals
 from ostiform.fitting.landmarks import labelled
 from ostiform.fitting.leftover import matern
+from ostiform.fitting.linear import State, moved, placed_points, pose_rows
 from ostiform.fitting.matching import with_openings_matched
-from ostiform.fitting.observations import prepared_data
 from ostiform.fitting.patches import (
     closest_on_curve,
     curve_distance,
@@ -30,8 +35,8 @@ from ostiform.fitting.patches import (
     even_samples,
     open_patch,
 )
-from ostiform.fitting.solver import State, moved, placed_points, pose_rows
-from ostiform.model import StoredModel, fit_model, project
+from ostiform.fitting.prior import MOST_GROWTH
+from ostiform.model import StoredModel, fit_model, project, reconstruct
 from ostiform.study import ShapeId
 from ostiform.surface import closest_points, face_areas, surface_tree
 
@@ -210,3 +215,34 @@ def test_many_small_modes_join_the_leftover():
     prior = fit_prior(stored)
     assert prior.modes.shape[2] <= len(stored.model.modes)
     assert prior.noise_variance > 0.0
+
+
+def test_the_field_has_beyond_the_modes_what_left_out_shapes_have_there(stored):
+    """Many modes take up much of a field that knows nothing of them."""
+    prior = fit_prior(stored)
+    assert len(stored.model.modes) > 20
+    model, count = stored.model, len(stored.model.mean)
+    functions = np.zeros((3 * prior.field.shape[1], count, 3))
+    for axis in range(3):
+        functions[axis::3, :, axis] = prior.field[:count].T
+    left = functions - reconstruct(model, project(model, functions + model.mean)) + model.mean
+    energy = float(((left**2).sum(axis=2) @ model.weights).sum())
+    given = fit_prior(stored, replace(prior.leftover, source=LeftoverSource.GIVEN))
+    growth = (prior.field[:count] ** 2).sum() / (given.field[:count] ** 2).sum()
+    assert growth > 1.0
+    if growth < MOST_GROWTH - 1e-9:
+        np.testing.assert_allclose(energy, prior.leftover.smooth_variance, rtol=1e-6)
+
+
+def test_the_directions_of_a_fit_sum_to_the_covariance_of_its_points(prior, rng):
+    truth = drawn_shape(prior, rng)
+    half = prior.model.mesh.faces[: len(prior.model.mesh.faces) // 2]
+    fit = fit_shape(prior, [surface_of(prior, truth, half)], FitSettings(pose="known"))
+    rows = shape_deviations(prior, fit, most=10_000)
+    assert len(shape_deviations(prior, fit, most=7)) == 7
+    found = np.einsum("qpi,qpj->pij", rows, rows)
+    expected = fit.point_covariance - prior.noise_variance * np.eye(3)
+    total = np.trace(expected, axis1=1, axis2=2) @ prior.model.weights
+    missed = np.trace(expected - found, axis1=1, axis2=2) @ prior.model.weights
+    assert 0.0 <= missed < 0.02 * total
+    assert np.linalg.eigvalsh(expected - found).min() > -1e-9 * total

@@ -315,3 +315,11 @@ def test_six_short_axis_contours_give_a_real_ventricle(shared_data):
 def test_the_mesh_of_the_template_is_the_models(stored):
     assert stored.template is not None
     np.testing.assert_array_equal(mesh_of_template(stored.template).faces, stored.model.mesh.faces)
+
+
+def test_contours_whose_pairs_swap_to_and_fro_settle(prior):
+    for seed in range(4):
+        truth = drawn_shape(prior, np.random.default_rng(seed))
+        levels = np.linspace(*np.percentile(truth[:, 2], [10.0, 90.0]), 5)
+        fit = fit_shape(prior, [ContourTarget(sliced(prior, truth, levels))])
+        assert fit.status is FitStatus.CONVERGED

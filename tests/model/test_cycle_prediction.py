@@ -48,6 +48,8 @@ def seen(points, time):
 def test_predictions_beat_both_baselines_and_their_intervals_hold(hearts, model, pattern):
     predictor = fit_cycle_predictor(model, pattern)
     assert not predictor.is_weak
+    assert predictor.left_out_errors.mean() < predictor.mean_motion_errors.mean()
+    assert predictor.left_out_errors.mean() < predictor.nearest_subject_errors.mean()
     found = []
     for points, times in unseen(hearts):
         given = [int(np.abs((np.array(times) - t + 0.5) % 1.0 - 0.5).argmin()) for t in pattern]
@@ -60,6 +62,29 @@ def test_predictions_beat_both_baselines_and_their_intervals_hold(hearts, model,
     assert mean["predicted"] < mean["nearest_subject"]
     # Eight hearts: their mean coverage has a standard error of about 0.02.
     assert 0.88 < mean["coverage"] < 0.99
+
+
+def test_left_out_baselines_are_those_of_a_model_without_the_subject(hearts, model):
+    """The subject that is left out of the baselines, against a model that never had it.
+
+    The trajectories of a model without it differ a little: the common motion is fitted anew.
+    """
+    predictor = fit_cycle_predictor(model, [0.0])
+    n = (TRAINING - 1) * PHASES
+    without = fit_dynamic_model(hearts.aligned[:n], hearts.ids[:n], hearts.weights, hearts.mesh)
+    own = slice(n, TRAINING * PHASES)
+    errors = prediction_errors(
+        fit_cycle_predictor(without, [0.0]),
+        hearts.aligned[own],
+        [id.time for id in hearts.ids[own]],
+        [0],
+    )
+    for found, rule in (
+        (predictor.mean_motion_errors[-1], errors.mean_motion),
+        (predictor.nearest_subject_errors[-1], errors.nearest_subject),
+        (predictor.left_out_errors[-1], errors.predicted),
+    ):
+        np.testing.assert_allclose(found, np.sqrt((rule**2).mean()), rtol=0.05)
 
 
 def test_a_given_phase_is_its_own_prediction_in_any_frame(hearts, model):

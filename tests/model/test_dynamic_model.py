@@ -238,7 +238,7 @@ def dense_penalised_fit(values, labels, moments, choice):
     member = np.array([[label == name for name in names] for label in labels], dtype=float)
     own = np.einsum("ns,nh->nsh", member, waves).reshape(len(labels), -1)
     design = np.concatenate([member, waves, own], axis=1)
-    powers = np.repeat(np.arange(1, harmonics + 1), 2) ** 4.0
+    powers = np.repeat(np.arange(1.0, harmonics + 1), 2) ** choice[3]
     common = len(labels) / len(names) * smoothness * powers
     penalty = np.concatenate(
         [np.zeros(len(names)), common, np.tile(stiffness * common, len(names))]
@@ -246,12 +246,13 @@ def dense_penalised_fit(values, labels, moments, choice):
     return design, penalty
 
 
-def test_the_joint_fit_and_its_left_out_errors_equal_the_dense_solution(rng):
+@pytest.mark.parametrize("power", [4, 2])
+def test_the_joint_fit_and_its_left_out_errors_equal_the_dense_solution(rng, power):
     times = [np.sort(rng.uniform(size=n)) for n in (7, 4, 3)]
     values, labels, moments, _ = band_limited(times)
     values = values + 0.1 * rng.normal(size=values.shape)
-    choice = (3, 1e-2, 10.0)
-    one = TrajectorySettings(harmonics=(3,), smoothness=(1e-2,), stiffness=(10.0,))
+    choice = (3, 1e-2, 10.0, power)
+    one = TrajectorySettings((3,), (1e-2,), (10.0,), (power,))
     found = fit_trajectories(values, labels, moments, one)
     assert {tuple(row) for row in found.choices} == {choice}
     design, penalty = dense_penalised_fit(values, labels, moments, choice)
@@ -384,7 +385,8 @@ def test_wrong_landmarks_in_time_are_refused(landmarks, message):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"smoothness": (0.0,)}, {"stiffness": (-1.0,)}, {"harmonics": (-1,)}]
+    "changes",
+    [{"smoothness": (0.0,)}, {"stiffness": (-1.0,)}, {"harmonics": (-1,)}, {"powers": (0,)}],
 )
 def test_settings_that_are_not_positive_are_refused(changes):
     with pytest.raises(InputError, match="expected positive"):

@@ -25,7 +25,12 @@ from ostiform.exchange.particles import (
     write_xlsx_project,
 )
 from ostiform.exchange.shapes_vtp import write_shape_vtp
-from ostiform.exchange.tables import write_scores_csv, write_volumes_csv
+from ostiform.exchange.tables import (
+    write_scores_csv,
+    write_shape_values_csv,
+    write_table,
+    write_volumes_csv,
+)
 from ostiform.exchange.vertex_order import (
     OrderedShapes,
     SourceFile,
@@ -64,6 +69,8 @@ __all__ = [
     "write_modes_glb",
     "write_particles",
     "write_scores_csv",
+    "write_shape_values_csv",
+    "write_table",
     "write_shape_vtp",
     "write_swproj",
     "write_volumes_csv",

@@ -1,18 +1,51 @@
-"""Scores and volumes as CSV, one row per shape."""
+"""Tables as CSV: scores and volumes, one row per shape, and any other."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.model import StoredModel
 from ostiform.study import ShapeId
 
-__all__ = ["write_scores_csv", "write_volumes_csv"]
+__all__ = ["write_scores_csv", "write_shape_values_csv", "write_table", "write_volumes_csv"]
 
 MM3_PER_ML = 1000.0
 IDENTITY = ("subject", "phase", "time")
+
+
+def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table; numbers that are not whole have six significant digits.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be written.
+    """
+    with atomically(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def write_shape_values_csv(
+    path: Path, ids: Sequence[ShapeId], columns: Sequence[str], values: FloatArray
+) -> None:
+    """Write who and when, and numbers (N, C) with the names of their columns.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be written.
+    """
+    rows = (
+        [id.subject, id.phase, float(id.time), *map(float, row)]
+        for id, row in zip(ids, values, strict=True)
+    )
+    write_table(path, [*IDENTITY, *columns], rows)
 
 
 def write_scores_csv(path: Path, stored: StoredModel) -> None:
@@ -23,12 +56,8 @@ def write_scores_csv(path: Path, stored: StoredModel) -> None:
     ArtifactError
         If the file cannot be written.
     """
-    header = [*IDENTITY, *(f"mode{k + 1}_mm" for k in range(stored.scores.shape[1]))]
-    rows = [
-        [*_identity(id), *(f"{score:.6g}" for score in scores)]
-        for id, scores in zip(stored.ids, stored.scores, strict=True)
-    ]
-    _write(path, header, rows)
+    columns = [f"mode{k + 1}_mm" for k in range(stored.scores.shape[1])]
+    write_shape_values_csv(path, stored.ids, columns, stored.scores)
 
 
 def write_volumes_csv(
@@ -49,19 +78,9 @@ def write_volumes_csv(
     ArtifactError
         If the file cannot be written.
     """
-    rows = [
-        [*_identity(id), *(f"{values[index] / MM3_PER_ML:.6g}" for values in volumes.values())]
-        for index, id in enumerate(ids)
-    ]
-    _write(path, [*IDENTITY, *(f"{part}_ml" for part in volumes)], rows)
+    values = np.array(list(volumes.values())).reshape(len(volumes), len(ids)).T / MM3_PER_ML
+    write_shape_values_csv(path, ids, [f"{part}_ml" for part in volumes], values)
 
 
-def _identity(id: ShapeId) -> list[str]:
-    return [id.subject, id.phase, f"{id.time:.6g}"]
-
-
-def _write(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    with atomically(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

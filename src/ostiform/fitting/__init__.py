@@ -8,6 +8,7 @@ from ostiform.fitting.leftover import (
     estimated_leftover,
     leftover_of_spectrum,
 )
+from ostiform.fitting.posterior import shape_deviations
 from ostiform.fitting.prior import FitPrior, fit_prior
 from ostiform.fitting.results import fit_facts, write_fit
 from ostiform.fitting.types import (
@@ -52,5 +53,6 @@ __all__ = [
     "leftover_of_spectrum",
     "read_named_points",
     "read_targets",
+    "shape_deviations",
     "write_fit",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
+from ostiform.fitting.curves import joined_curves
 from ostiform.fitting.types import (
     CloudTarget,
     ContourTarget,
@@ -184,7 +185,7 @@ def _from_curves(path: Path, part: str | None, rules: FileRules) -> Target:
         return CloudTarget(placed, part)
     if rules.kind == "points":
         return CloudTarget(placed, part)
-    return ContourTarget(tuple(placed[curve] for curve in curves), part)
+    return ContourTarget(joined_curves(placed, curves), part)
 
 
 def _from_markups(path: Path, part: str | None, rules: FileRules) -> Target:

@@ -8,27 +8,15 @@ from scipy.spatial import cKDTree
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
+from ostiform.fitting.data import KINDS, Data, prepared_data, sparser
+from ostiform.fitting.linear import State, placed_points
 from ostiform.fitting.matching import with_openings_matched
-from ostiform.fitting.observations import (
-    KINDS,
-    Data,
-    model_surface,
-    observations,
-    prepared_data,
-    sparser,
-)
+from ostiform.fitting.noise import STUDENT_DOF, independent_share
+from ostiform.fitting.observations import model_surface, observations
 from ostiform.fitting.posterior import posterior_of
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.residues import measured_residues
-from ostiform.fitting.solver import (
-    STUDENT_DOF,
-    Rules,
-    Solution,
-    State,
-    independent_share,
-    placed_points,
-    solve,
-)
+from ostiform.fitting.solver import Rules, Solution, solve
 from ostiform.fitting.starts import starting_poses
 from ostiform.fitting.types import (
     FitSettings,
@@ -117,6 +105,9 @@ def fit_shape(
         pose_sd=posterior.pose_sd,
         scores=posterior.scores,
         score_covariance=posterior.score_covariance,
+        coefficient_covariance=posterior.covariance[
+            : len(final.state.coefficients), : len(final.state.coefficients)
+        ],
         point_covariance=covariance,
         point_sd=np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 3.0),
         normal_sd=np.sqrt(np.einsum("pi,pij,pj->p", normals, covariance, normals)),

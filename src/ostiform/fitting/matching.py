@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ostiform.arrays import FloatArray
-from ostiform.fitting.observations import Data, PreparedSurface
+from ostiform.fitting.data import Data, PreparedSurface
 from ostiform.fitting.patches import Patch, curve_distance
 from ostiform.fitting.prior import FitPrior
 from ostiform.surface import closest_points, surface_tree

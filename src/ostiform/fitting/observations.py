@@ -8,118 +8,21 @@ nothing: pairs at a target's boundary are left out, and only boundaries that are
 model pull, on the opening's rim and only across it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.fitting.data import LANDMARKS, RIMS, SURFACE, Data, PointSet, PreparedSurface
 from ostiform.fitting.kernels import vertex_normals
-from ostiform.fitting.landmarks import Labelled, labelled
-from ostiform.fitting.patches import (
-    Patch,
-    closest_on_curve,
-    curve_samples,
-    even_samples,
-    open_patch,
-)
+from ostiform.fitting.landmarks import Labelled
+from ostiform.fitting.patches import closest_on_curve, curve_samples
 from ostiform.fitting.prior import FitPrior
-from ostiform.fitting.types import (
-    CloudTarget,
-    ContourTarget,
-    LandmarkTarget,
-    SurfaceTarget,
-    Target,
-)
-from ostiform.surface import SurfaceTree, closest_points, surface_tree, vertex_areas
+from ostiform.surface import SurfaceTree, closest_points, surface_tree
 
-__all__ = [
-    "Data",
-    "ModelSurface",
-    "Observations",
-    "PreparedSurface",
-    "model_surface",
-    "observations",
-    "prepared_data",
-    "sparser",
-]
-
-KINDS = ("surface", "rims", "points", "contours", "landmarks")
-"""Kinds of data; each has a noise of its own."""
-
-SURFACE, RIMS, POINTS, CONTOURS, LANDMARKS = range(5)
-MOST_POINTS = 4000
-"""Of a cloud; a larger one is thinned evenly along its list."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedSurface:
-    """A target surface ready for pairing.
-
-    Attributes
-    ----------
-    part : str or None
-    tree : SurfaceTree
-    normals : (V, 3) float64
-    patch : Patch
-    samples : (n, 3) float64, mm
-        Even over the surface.
-    sample_normals : (n, 3) float64
-    sample_weight : float
-        Of each, as a number of independent observations.
-    rims : mapping of str to (m, 3) float64
-        Curves of the openings, by full name in the model.
-    sign : float
-        -1 where the faces run the other way round than the model's.
-    """
-
-    part: str | None
-    tree: SurfaceTree
-    normals: FloatArray
-    patch: Patch
-    samples: FloatArray
-    sample_normals: FloatArray
-    sample_weight: float
-    rims: Mapping[str, FloatArray]
-    sign: float = 1.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointSet:
-    """Points without connectivity, of one kind, on one part or on any."""
-
-    kind: int
-    part: str | None
-    points: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Data:
-    """All targets of a fit, ready for pairing.
-
-    Attributes
-    ----------
-    surfaces : tuple of PreparedSurface
-    point_sets : tuple of PointSet
-    labelled : Labelled
-        All landmarks.
-    patches : mapping of part (None for all) to Patch
-        The model's triangles that targets are paired with.
-    point_weights : (P,) float64
-        Of the model's points, as numbers of independent observations; sum P.
-    """
-
-    surfaces: tuple[PreparedSurface, ...]
-    point_sets: tuple[PointSet, ...]
-    labelled: Labelled
-    patches: Mapping[str | None, Patch]
-    point_weights: FloatArray
-
-    @property
-    def is_labelled_only(self) -> bool:
-        """Whether there are landmarks and nothing else."""
-        return not self.surfaces and not self.point_sets
+__all__ = ["ModelSurface", "Observations", "model_surface", "observations"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,101 +67,6 @@ class Observations:
     size: FloatArray
     kind: IntArray
     distance: FloatArray
-
-
-def prepared_data(prior: FitPrior, targets: Sequence[Target]) -> Data:
-    """Prepare targets for pairing with a model.
-
-    Raises
-    ------
-    InputError
-        If a part, an opening or a landmark is not of the model.
-    TopologyError
-        If a surface is no consistently oriented manifold.
-    """
-    mesh = prior.model.mesh
-    parts = {t.part for t in targets if not isinstance(t, LandmarkTarget)}
-    patches = {}
-    for part in parts:
-        if part is not None and part not in mesh.parts:
-            raise InputError(
-                f"part of a target: expected one of {', '.join(mesh.parts)}, found {part}"
-            )
-        faces = mesh.faces
-        if part is not None:
-            faces = mesh.faces[mesh.face_part == mesh.parts.index(part)]
-        patches[part] = open_patch(faces, len(mesh.part))
-    surfaces = []
-    point_sets = []
-    for target in targets:
-        if isinstance(target, SurfaceTarget):
-            surfaces.append(_prepared_surface(prior, target))
-        elif isinstance(target, CloudTarget):
-            stride = -(-len(target.points) // MOST_POINTS)
-            point_sets.append(PointSet(POINTS, target.part, target.points[::stride]))
-        elif isinstance(target, ContourTarget):
-            samples = [curve_samples(c, prior.edge) for c in target.curves if len(c)]
-            point_sets.append(PointSet(CONTOURS, target.part, np.concatenate(samples)))
-    landmarks = [t for t in targets if isinstance(t, LandmarkTarget)]
-    return Data(
-        surfaces=tuple(surfaces),
-        point_sets=tuple(point_sets),
-        labelled=labelled(prior, landmarks),
-        patches=patches,
-        point_weights=prior.model.weights * len(prior.model.mean),
-    )
-
-
-def _prepared_surface(prior: FitPrior, target: SurfaceTarget) -> PreparedSurface:
-    known = prior.model.mesh.loops
-    for name in target.loops:
-        if name not in known:
-            raise InputError(
-                f"opening of a target: expected one of {', '.join(known)}, found {name}"
-            )
-    vertices, faces = target.vertices, target.faces
-    count = len(prior.model.mean)
-    chosen, barycentric = even_samples(vertices, faces, count)
-    normals = vertex_normals(vertices, faces)
-    across = np.einsum("nk,nki->ni", barycentric, normals[faces[chosen]])
-    area = float(vertex_areas(vertices, faces).sum())
-    if not area > 0.0:
-        raise InputError("a surface to fit to: expected triangles with area, found none")
-    return PreparedSurface(
-        part=target.part,
-        tree=surface_tree(vertices, faces),
-        normals=normals,
-        patch=open_patch(faces, len(vertices)),
-        samples=np.einsum("nk,nki->ni", barycentric, vertices[faces[chosen]]),
-        sample_normals=across,
-        sample_weight=0.5 * min(area / prior.area, 1.0),
-        rims={name: vertices[loop] for name, loop in target.loops.items()},
-    )
-
-
-def sparser(data: Data, count: int) -> Data:
-    """Return data with at most about `count` samples of each target, weights scaled up."""
-    surfaces = []
-    for surface in data.surfaces:
-        stride = max(len(surface.samples) // count, 1)
-        surfaces.append(
-            PreparedSurface(
-                surface.part,
-                surface.tree,
-                surface.normals,
-                surface.patch,
-                surface.samples[::stride],
-                surface.sample_normals[::stride],
-                surface.sample_weight * stride,
-                surface.rims,
-                surface.sign,
-            )
-        )
-    sets = tuple(
-        PointSet(item.kind, item.part, item.points[:: max(len(item.points) // count, 1)])
-        for item in data.point_sets
-    )
-    return Data(tuple(surfaces), sets, data.labelled, data.patches, data.point_weights)
 
 
 def model_surface(prior: FitPrior, data: Data, points: FloatArray) -> ModelSurface:

@@ -3,27 +3,31 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, eigh
 
 from ostiform.arrays import FloatArray
+from ostiform.fitting.data import Data
 from ostiform.fitting.kernels import design_rows, point_covariances
-from ostiform.fitting.observations import Data, model_surface, observations
-from ostiform.fitting.prior import FitPrior
-from ostiform.fitting.solver import (
-    STUDENT_DOF,
-    Solution,
-    inlier_probabilities,
+from ostiform.fitting.linear import (
     linear_system,
     placed_points,
     pose_rows,
     pose_size,
     prior_information,
-    student_weights,
 )
-from ostiform.fitting.types import FitSettings
+from ostiform.fitting.noise import STUDENT_DOF, inlier_probabilities, student_weights
+from ostiform.fitting.observations import model_surface, observations
+from ostiform.fitting.prior import FitPrior
+from ostiform.fitting.solver import Solution
+from ostiform.fitting.types import FitSettings, ShapeFit
 from ostiform.fitting.typical import FieldEnergy, field_energy, field_scale
 
-__all__ = ["Posterior", "posterior_of"]
+__all__ = ["Posterior", "posterior_of", "shape_deviations"]
+
+KEPT_VARIANCE = 0.99
+"""Share of a shape's uncertainty that its leading directions hold."""
+
+MOST_DIRECTIONS = 120
 
 FISHER = (STUDENT_DOF + 1.0) / (STUDENT_DOF + 3.0)
 """Information of a Student-t observation over that of its weighted square (Lange et al. 1989)."""
@@ -96,6 +100,39 @@ def posterior_of(
         pose_sd=pose_sd,
         outlier_share=float((seen.weight * far).sum() / seen.weight.sum()),
     )
+
+
+def shape_deviations(prior: FitPrior, fit: ShapeFit, most: int = MOST_DIRECTIONS) -> FloatArray:
+    """Return the leading directions in which a fitted shape is uncertain, in the target's frame.
+
+    Parameters
+    ----------
+    prior : FitPrior
+        That the fit was made with.
+    fit : ShapeFit
+    most : int
+        Directions at most.
+
+    Returns
+    -------
+    rows : (Q, P, 3) float64, mm
+        Their outer products sum to the covariance of the points, without the pose's, but for one
+        per cent of it or what so many directions leave.
+    """
+    count, n_modes = len(prior.model.mean), prior.modes.shape[2]
+    values, vectors = eigh(fit.coefficient_covariance)
+    coefficients = (vectors * np.sqrt(np.maximum(values, 0.0))).T  # (C, C)
+    rows = np.tensordot(coefficients[:, :n_modes], prior.modes[:count], axes=(1, 2))  # (C, P, 3)
+    of_field = coefficients[:, n_modes:].reshape(len(rows), -1, 3)  # (C, M, 3)
+    rows = rows + np.einsum("pm,cmd->cpd", prior.field[:count], of_field, optimize=True)
+    scaled = rows * np.sqrt(prior.model.weights)[:, None]
+    flat = scaled.reshape(len(rows), -1)
+    variances, turns = eigh(flat @ flat.T)
+    order = np.argsort(variances)[::-1]
+    held = np.cumsum(np.maximum(variances[order], 0.0))
+    kept = min(int(np.searchsorted(held, KEPT_VARIANCE * held[-1])) + 1, most)
+    leading: FloatArray = np.tensordot(turns[:, order[:kept]].T, rows, axes=1)
+    return fit.pose.scale * leading @ fit.pose.rotation.T
 
 
 def _scores(prior: FitPrior, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_mapping
-from ostiform.fitting.leftover import Leftover, estimated_leftover, matern
+from ostiform.fitting.leftover import Leftover, LeftoverSource, estimated_leftover, matern
 from ostiform.model import ShapeModel, StoredModel
 from ostiform.surface import median_edge_length, vertex_areas
 
@@ -19,6 +19,9 @@ MOST_MODES = 120
 FIELD_FUNCTIONS = 90
 FIELD_REMAINDER = 0.05
 """Functions are added until this share of the field's variance is left, which becomes noise."""
+
+MOST_GROWTH = 4.0
+"""Largest factor of the field's variance that makes up for what lies within the modes' span."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +84,9 @@ def fit_prior(stored: StoredModel, leftover: Leftover | None = None) -> FitPrior
 
     The field is a Gaussian process with the leftover's covariance over the mean shape, in its
     partial pivoted Cholesky factorisation (Harbrecht, Peters & Schneider 2012); what the
-    factorisation leaves counts as noise, and so do modes without a share in the variance.
+    factorisation leaves counts as noise, and so do modes without a share in the variance. A
+    leftover that was measured was measured beyond the modes: the field is scaled to have that
+    energy there.
 
     Parameters
     ----------
@@ -101,6 +106,8 @@ def fit_prior(stored: StoredModel, leftover: Leftover | None = None) -> FitPrior
     modes = np.transpose(model.modes[:n_modes] * spread[:, None, None], (1, 2, 0))  # (P, 3, K)
     variance = beyond.smooth_variance / 3.0
     field, lost = _field(model.mean, variance * beyond.amplitude**2, beyond.length)
+    if beyond.source is LeftoverSource.LEFT_OUT:
+        field = field * _growth_beyond(model, field, beyond.smooth_variance)
     rims = {name: np.asarray(rim) for name, rim in model.mesh.loops.items()}
     return FitPrior(
         model=model,
@@ -113,6 +120,20 @@ def fit_prior(stored: StoredModel, leftover: Leftover | None = None) -> FitPrior
         edge=median_edge_length(model.mean, model.mesh.faces),
         area=float(vertex_areas(model.mean, model.mesh.faces).sum()),
     )
+
+
+def _growth_beyond(model: ShapeModel, field: FloatArray, measured: float) -> float:
+    """Return the factor that gives a field (P, M) the energy beyond the modes that was measured.
+
+    Left-out shapes are measured beyond the modes; of a field that knows nothing of the modes, part
+    lies within their span, where it says nothing new, the more of it the more modes there are.
+    """
+    weighted = model.modes * model.weights[:, None]  # (K, P, 3)
+    within = float(((np.swapaxes(weighted, 1, 2) @ field) ** 2).sum())
+    own = 3.0 * float(model.weights @ (field**2).sum(axis=1)) - within
+    if own <= 0.0:
+        return 1.0
+    return float(np.sqrt(np.clip(measured / own, 1.0, MOST_GROWTH)))
 
 
 def _with_centres(values: FloatArray, rims: Mapping[str, IntArray]) -> FloatArray:

@@ -4,8 +4,8 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.evaluation.distances import weighted_quantile
+from ostiform.fitting.data import Data
 from ostiform.fitting.kernels import vertex_normals
-from ostiform.fitting.observations import Data
 from ostiform.fitting.patches import closest_on_curve
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import Residue

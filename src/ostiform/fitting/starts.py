@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from ostiform.arrays import FloatArray
 from ostiform.domain.procrustes import best_rotations
 from ostiform.errors import InputError
+from ostiform.fitting.data import Data
 from ostiform.fitting.leftover import spread_points
-from ostiform.fitting.observations import Data
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import IDENTITY, FitSettings, Pose
 

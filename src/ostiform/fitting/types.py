@@ -279,6 +279,9 @@ class ShapeFit:
         Posterior mean in all modes of the model, of the shape in the model's frame; comparable
         with the training shapes' scores.
     score_covariance : (K, K) float64, mm^2
+    coefficient_covariance : (C, C) float64
+        Of the coefficients of the prior's modes and field (`FitPrior`), which holds what the
+        scores do not: the shape beyond the modes.
     point_covariance : (P, 3, 3) float64, mm^2
         Of the points in the target's frame, the pose's uncertainty included.
     point_sd : (P,) float64, mm
@@ -305,6 +308,7 @@ class ShapeFit:
     pose_sd: FloatArray
     scores: FloatArray
     score_covariance: FloatArray
+    coefficient_covariance: FloatArray
     point_covariance: FloatArray
     point_sd: FloatArray
     normal_sd: FloatArray
@@ -325,6 +329,7 @@ class ShapeFit:
             ("pose_sd", (3,)),
             ("scores", (n_modes,)),
             ("score_covariance", (n_modes, n_modes)),
+            ("coefficient_covariance", (None, None)),
             ("point_covariance", (count, 3, 3)),
             ("point_sd", (count,)),
             ("normal_sd", (count,)),

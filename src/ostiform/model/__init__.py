@@ -34,6 +34,12 @@ from ostiform.model.files import (
     write_mean,
     write_mode,
 )
+from ostiform.model.learning import (
+    ENOUGH_SUBJECTS,
+    CyclePredictor,
+    fit_cycle_predictor,
+    pose_to_mean_cycle,
+)
 from ostiform.model.pca import (
     fit_model,
     marginal,
@@ -50,13 +56,9 @@ from ostiform.model.pca import (
 from ostiform.model.phases import phase_weights, with_landmarks_aligned
 from ostiform.model.plotting import model_plotter, point_deviations
 from ostiform.model.prediction import (
-    ENOUGH_SUBJECTS,
-    CyclePredictor,
     ObservedPhase,
     PredictedCycle,
-    fit_cycle_predictor,
     fitted_phase,
-    pose_to_mean_cycle,
     predict_cycle,
 )
 from ostiform.model.resampling import at_level, resampled, resampled_onto

@@ -17,10 +17,11 @@ from ostiform.model.hdf5 import (
     check_schema,
     put_facts,
     put_ids,
-    put_loops,
+    put_mesh,
+    put_shapes,
     reading,
-    take_ids,
     take_loops,
+    take_shapes,
     take_texts,
     writing,
 )
@@ -97,11 +98,8 @@ def write_corresponded_shapes(path: Path, shapes: CorrespondedShapes) -> None:
     """
     with writing(path) as file:
         put_facts(file, shapes.mesh.parts)
-        for name in ("points", "aligned", "transforms", "weights"):
-            file.create_dataset(name, data=getattr(shapes, name))
-        for name in ("faces", "face_part", "part"):
-            file.create_dataset(name, data=getattr(shapes.mesh, name))
-        put_loops(file, shapes.mesh.loops)
+        put_shapes(file, shapes)
+        put_mesh(file, shapes.mesh)
         put_ids(file, shapes.ids)
 
 
@@ -116,11 +114,7 @@ def read_corresponded_shapes(path: Path) -> CorrespondedShapes:
     with reading(path, "a correspondence of ostiform") as file:
         check_schema(file)
         return CorrespondedShapes(
-            ids=take_ids(file),
-            points=file["points"][:],
-            aligned=file["aligned"][:],
-            transforms=file["transforms"][:],
-            weights=file["weights"][:],
+            **take_shapes(file),
             mesh=ModelMesh(
                 faces=np.asarray(file["faces"][:]).reshape(-1, 3),
                 face_part=file["face_part"][:],

@@ -15,6 +15,13 @@ from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
+from ostiform.model.levels import (
+    common_motion,
+    group_means,
+    level_scores,
+    level_shares,
+    subject_indices,
+)
 from ostiform.model.pca import (
     model_in_span,
     principal_modes,
@@ -188,12 +195,12 @@ def fit_dynamic_model(
     modes, variances = principal_modes(deviations, weights, size)
     total = ShapeModel(mean, modes, variances, weights, mesh, 0.0, len(ids))
     scores = project(total, shapes)  # (N, K)
-    subject = _subject_indices(ids)
-    centres = _group_means(scores, share, subject)  # (S, K)
+    subject = subject_indices(ids)
+    centres = group_means(scores, share, subject)  # (S, K)
     motion = scores - centres[subject]
     times = np.array([id.time for id in ids])
     trajectories = fit_trajectories(scores, [id.subject for id in ids], times, settings)
-    common = _common_motion(motion, share, times, int(np.median(np.bincount(subject))) // 2)
+    shared = common_motion(motion, share, times, int(np.median(np.bincount(subject))) // 2)
     root = np.sqrt(share)[:, None]
     subject_root = np.sqrt(1.0 / len(centres))
     effective = 1.0 / (len(centres) * float((share**2).sum()))
@@ -206,8 +213,8 @@ def fit_dynamic_model(
         total=total,
         between=model_in_span(total, subject_root * centres, len(centres)),
         within=model_in_span(total, root * motion, len(ids)),
-        common=model_in_span(total, root * common, len(ids)),
-        departure=model_in_span(total, root * (motion - common), len(ids)),
+        common=model_in_span(total, root * shared, len(ids)),
+        departure=model_in_span(total, root * (motion - shared), len(ids)),
         between_corrected=corrected,
         clipped_variance=clipped,
         effective_phases=effective,
@@ -242,14 +249,14 @@ def dynamic_model_of(
 
 def subject_means(model: DynamicModel) -> FloatArray:
     """Return the mean shape over the cycle (S, P, 3) in mm of every subject."""
-    subject = _subject_indices(model.ids)
-    return reconstruct(model.total, _group_means(model.scores, model.phase_weights, subject))
+    subject = subject_indices(model.ids)
+    return reconstruct(model.total, group_means(model.scores, model.phase_weights, subject))
 
 
 def within_shapes(model: DynamicModel) -> FloatArray:
     """Return the shapes (N, P, 3) in mm with their subject's mean replaced by the population's."""
-    subject = _subject_indices(model.ids)
-    centres = _group_means(model.scores, model.phase_weights, subject)
+    subject = subject_indices(model.ids)
+    centres = group_means(model.scores, model.phase_weights, subject)
     return reconstruct(model.total, model.scores - centres[subject])
 
 
@@ -262,8 +269,8 @@ def level_shapes(model: DynamicModel) -> dict[str, FloatArray]:
         ``between``: the S subjects' means; ``within``: every shape with its subject's mean
         replaced by the population's; ``common`` and ``departure``: the two parts of its motion.
     """
-    subject = _subject_indices(model.ids)
-    centres, common, departure = _levels(model.scores, model.phase_weights, subject, model.ids)
+    subject = subject_indices(model.ids)
+    centres, common, departure = level_scores(model.scores, model.phase_weights, subject, model.ids)
     return {
         "between": reconstruct(model.total, centres),
         "within": reconstruct(model.total, common + departure),
@@ -286,15 +293,15 @@ def variance_shares(model: DynamicModel) -> dict[str, VarianceShare]:
     ``between + within = 1`` and ``common + departure = within``. The intervals are those of the
     jackknife over subjects.
     """
-    subject = _subject_indices(model.ids)
-    values = _shares(model.scores, model.phase_weights, subject, model.ids)
+    subject = subject_indices(model.ids)
+    values = level_shares(model.scores, model.phase_weights, subject, model.ids)
     count = len(model.subjects)
     if count < 3:
         return {name: VarianceShare(value, None, None) for name, value in values.items()}
     left_out: dict[str, list[float]] = {name: [] for name in values}
     for s in range(count):
         kept = np.flatnonzero(subject != s)
-        found = _shares(
+        found = level_shares(
             model.scores[kept],
             model.phase_weights[kept],
             subject[kept],
@@ -347,66 +354,6 @@ def phase_prediction(model: DynamicModel) -> PhasePrediction:
     return PhasePrediction(
         float(curves[known].mean()), float(lines[known].mean()), int(known.sum())
     )
-
-
-def _subject_indices(ids: Sequence[ShapeId]) -> np.ndarray:
-    order = {name: index for index, name in enumerate(dict.fromkeys(id.subject for id in ids))}
-    return np.array([order[id.subject] for id in ids])
-
-
-def _group_means(values: FloatArray, share: FloatArray, groups: np.ndarray) -> FloatArray:
-    _, index = np.unique(groups, return_inverse=True)
-    weight = np.bincount(index, weights=share)
-    sums = np.zeros((len(weight), values.shape[1]))
-    np.add.at(sums, index, share[:, None] * values)
-    means: FloatArray = sums / weight[:, None]
-    return means
-
-
-def _levels(
-    scores: FloatArray, share: FloatArray, groups: np.ndarray, ids: Sequence[ShapeId]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the means of the groups (S, K), and common motion and departures (N, K)."""
-    _, index, counts = np.unique(groups, return_inverse=True, return_counts=True)
-    centres = _group_means(scores, share, groups)
-    motion = scores - centres[index]
-    times = np.array([id.time for id in ids])
-    common = _common_motion(motion, share, times, int(np.median(counts)) // 2)
-    return centres, common, motion - common
-
-
-def _shares(
-    scores: FloatArray, share: FloatArray, groups: np.ndarray, ids: Sequence[ShapeId]
-) -> dict[str, float]:
-    weights = share / share.sum()
-    _, common, departure = _levels(scores, weights, groups, ids)
-    total = weights @ ((scores - weights @ scores) ** 2).sum(axis=1)
-    if total <= 0.0:
-        return {"between": 0.0, "within": 0.0, "common": 0.0, "departure": 0.0}
-    parts = [float(weights @ (part**2).sum(axis=1) / total) for part in (common, departure)]
-    within = float(weights @ ((common + departure) ** 2).sum(axis=1) / total)
-    return {
-        "between": 1.0 - within,
-        "within": within,
-        "common": parts[0],
-        "departure": parts[1],
-    }
-
-
-def _common_motion(
-    motion: FloatArray, share: FloatArray, times: FloatArray, harmonics: int
-) -> FloatArray:
-    """Return the weighted least-squares Fourier series of all subjects' motion, at their phases.
-
-    Fitted values and residuals of least squares are orthogonal under its weights, which is what
-    makes the two covariances add up exactly. With half as many harmonics as a subject has phases
-    and equal times in all subjects, the series is the mean over the subjects, phase by phase.
-    """
-    root = np.sqrt(share)[:, None]
-    design = fourier_design(times, harmonics)
-    coefficients = np.linalg.lstsq(root * design, root * motion, rcond=None)[0]
-    common: FloatArray = design @ coefficients
-    return common
 
 
 def _difference(total: ShapeModel, plus: FloatArray, minus: FloatArray) -> tuple[ShapeModel, float]:

@@ -13,9 +13,10 @@ from ostiform.model.hdf5 import (
     check_schema,
     put_facts,
     put_ids,
+    put_shapes,
     put_template,
     reading,
-    take_ids,
+    take_shapes,
     take_template,
     writing,
 )
@@ -51,8 +52,8 @@ def write_correspondence(path: Path, correspondence: Correspondence) -> None:
     """
     with writing(path) as file:
         put_facts(file, correspondence.template.parts)
-        for name in ("points", "aligned", "transforms", "directions", "weights"):
-            file.create_dataset(name, data=getattr(correspondence, name))
+        put_shapes(file, correspondence)
+        file.create_dataset("directions", data=correspondence.directions)
         put_template(file, correspondence.template)
         put_ids(file, correspondence.ids)
 
@@ -68,13 +69,9 @@ def read_correspondence(path: Path) -> Correspondence:
     with reading(path, "a correspondence of ostiform") as file:
         check_schema(file)
         return Correspondence(
+            **take_shapes(file),
             template=take_template(file),
-            ids=take_ids(file),
             directions=file["directions"][:],
-            points=file["points"][:],
-            aligned=file["aligned"][:],
-            transforms=file["transforms"][:],
-            weights=file["weights"][:],
         )
 
 

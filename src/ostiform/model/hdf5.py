@@ -1,5 +1,6 @@
 """The pieces of HDF5 files that models and correspondences share: texts, templates, identities."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -13,18 +14,21 @@ from ostiform.arrays import IntArray
 from ostiform.atomic import atomically
 from ostiform.domain import Template, TemplateLevel
 from ostiform.errors import ArtifactError, InputError, OstiformError
+from ostiform.model.types import ModelMesh
 from ostiform.study import ShapeId
 
 __all__ = [
     "SCHEMA",
     "put_facts",
     "put_ids",
-    "put_loops",
+    "put_mesh",
+    "put_shapes",
     "put_template",
     "put_texts",
     "reading",
     "take_ids",
     "take_loops",
+    "take_shapes",
     "take_template",
     "take_texts",
     "writing",
@@ -32,6 +36,9 @@ __all__ = [
 
 SCHEMA = 1
 """Version of the layouts of design section 7."""
+
+SHAPE_ARRAYS = ("points", "aligned", "transforms", "weights")
+"""Of all shapes in correspondence, whatever brought them there."""
 
 TEXT = h5py.string_dtype("utf-8")
 
@@ -70,6 +77,8 @@ def reading(path: Path, content: str, opened: h5py.File | None = None) -> Iterat
         MemoryError, OverflowError,
     ) as error:  # fmt: skip
         reason = str(error.args[0]) if error.args else type(error).__name__
+        if isinstance(error, OSError) and error.errno:
+            reason = os.strerror(error.errno)
         raise ArtifactError(
             f"{path}: expected {content}, found a missing, foreign or damaged file ({reason}); "
             "make it again or check the path"
@@ -122,6 +131,18 @@ def take_ids(group: h5py.Group) -> tuple[ShapeId, ...]:
     )
 
 
+def put_shapes(group: h5py.Group, shapes: object) -> None:
+    """Write the arrays of shapes in correspondence (`SHAPE_ARRAYS`, attributes of the object)."""
+    for name in SHAPE_ARRAYS:
+        group.create_dataset(name, data=getattr(shapes, name))
+
+
+def take_shapes(group: h5py.Group) -> dict[str, Any]:
+    """Read what `put_shapes` and `put_ids` wrote, by the names of the attributes."""
+    arrays = {name: group[name][:] for name in SHAPE_ARRAYS}
+    return {"ids": take_ids(group), **arrays}
+
+
 def put_loops(group: h5py.Group, loops: Mapping[str, IntArray]) -> None:
     """Write rims as ``loops/<part>/<ostium>``."""
     target = group.create_group("loops", track_order=True)
@@ -144,16 +165,20 @@ def take_loops(group: h5py.Group) -> dict[str, IntArray]:
     }
 
 
+def put_mesh(group: h5py.Group, mesh: ModelMesh | Template) -> None:
+    """Write triangles, parts and rims."""
+    for name in ("faces", "face_part", "part"):
+        group.create_dataset(name, data=getattr(mesh, name))
+    put_loops(group, mesh.loops)
+
+
 def put_template(group: h5py.Group, template: Template) -> None:
     """Write a template: triangles, parts, rims, nested levels, and its points on the sphere."""
-    group.create_dataset("faces", data=template.faces)
-    group.create_dataset("face_part", data=template.face_part)
-    group.create_dataset("part", data=template.part)
+    put_mesh(group, template)
     group.create_dataset("template_points", data=template.points)
     group.create_dataset("sphere", data=template.sphere)
     group.create_dataset("curve", data=template.curve)
     group.attrs.create("curves", list(template.curves), dtype=TEXT, shape=(len(template.curves),))
-    put_loops(group, template.loops)
     levels = group.create_group("levels")
     for number, level in enumerate(template.levels):
         stored = levels.create_group(str(number))

@@ -9,6 +9,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh, svd
 from scipy.special import ndtr, ndtri
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.correspondence.streamed_spectrum import streamed_spectrum
 from ostiform.errors import InputError
 from ostiform.model.types import ModelMesh, ShapeModel, check_weights
 
@@ -25,6 +26,15 @@ __all__ = [
     "sample_shapes",
     "truncated",
 ]
+
+
+LARGEST_EXACT = 2000
+"""Modes beyond which only the leading ones are computed."""
+
+LEAST_SHARE = 1e-4
+"""Of the total variance, that these have at least."""
+
+CHUNK = 256
 
 
 def fit_model(aligned: FloatArray, weights: FloatArray, mesh: ModelMesh) -> ShapeModel:
@@ -44,7 +54,9 @@ def fit_model(aligned: FloatArray, weights: FloatArray, mesh: ModelMesh) -> Shap
     Returns
     -------
     ShapeModel
-        At most N - 1 modes, those above rounding; no residual variance.
+        At most N - 1 modes, those above rounding; no residual variance. Where both N - 1 and 3 P
+        exceed 2,000, only the modes with at least 1e-4 of the total variance, the rest as
+        residual variance: all modes would take hours and gigabytes.
 
     Raises
     ------
@@ -55,6 +67,8 @@ def fit_model(aligned: FloatArray, weights: FloatArray, mesh: ModelMesh) -> Shap
     if len(shapes) < 2:
         raise InputError(f"a shape model: expected at least 2 shapes, found {len(shapes)}")
     mean = shapes.mean(axis=0)
+    if min(len(shapes) - 1, mean.size) > LARGEST_EXACT:
+        return _leading_model(shapes, weights, mesh)
     deviations = (shapes - mean) / np.sqrt(len(shapes) - 1.0)  # (N, P, 3)
     modes, variances = principal_modes(deviations, weights, weighted_size(mean, weights))
     return ShapeModel(
@@ -64,6 +78,31 @@ def fit_model(aligned: FloatArray, weights: FloatArray, mesh: ModelMesh) -> Shap
         weights=weights,
         mesh=mesh,
         residual_variance=0.0,
+        sample_count=len(shapes),
+    )
+
+
+def _leading_model(shapes: FloatArray, weights: FloatArray, mesh: ModelMesh) -> ShapeModel:
+    """Return the model of very many shapes, by `streamed_spectrum`."""
+    given = frozen_floats(weights, (shapes.shape[1],), "weights")
+    check_weights(given)
+    mean = shapes.mean(axis=0)
+    squared = sum(float((((shape - mean) ** 2).sum(axis=1) * given).sum()) for shape in shapes)
+    total = squared / (len(shapes) - 1.0)
+    found = streamed_spectrum(
+        lambda: (shapes[first : first + CHUNK] for first in range(0, len(shapes), CHUNK)),
+        given,
+        LEAST_SHARE * total,
+        np.random.default_rng(0),
+    )
+    modes = found.modes.reshape(-1, *mean.shape) / np.sqrt(given)[:, None]  # (K, P, 3)
+    return ShapeModel(
+        mean=mean,
+        modes=_signed(modes),
+        variances=found.eigenvalues,
+        weights=weights,
+        mesh=mesh,
+        residual_variance=found.rest,
         sample_count=len(shapes),
     )
 

@@ -74,9 +74,9 @@ def model_plotter(
                 plotter.add_mesh(piece, color=paint, smooth_shading=True, ambient=AMBIENT)
     else:
         values, title = (
-            (np.linalg.norm(shape - model.mean, axis=1), "from the mean (mm)")
+            (np.linalg.norm(shape - model.mean, axis=1), "distance (mm)")
             if colour == "displacement"
-            else (point_deviations(model), "standard deviation (mm)")
+            else (point_deviations(model), "sd (mm)")
         )
         mesh.point_data[title] = values
         plotter.add_mesh(
@@ -85,7 +85,17 @@ def model_plotter(
             cmap="cividis",
             smooth_shading=True,
             ambient=AMBIENT,
-            scalar_bar_args={"vertical": True, "color": "black"},
+            scalar_bar_args={
+                "vertical": True,
+                "color": "black",
+                "position_x": 0.84,
+                "position_y": 0.3,
+                "height": 0.4,
+                "n_labels": 3,
+                "fmt": "%.1f",
+                "title_font_size": 16,
+                "label_font_size": 16,
+            },
         )
     for loop in model.mesh.loops.values():
         rim = pyvista.lines_from_points(shape[loop], close=True)

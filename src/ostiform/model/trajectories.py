@@ -4,24 +4,26 @@ All subjects are fitted together: ``x_s(t) = u_s + c(t) + d_s(t)`` with a free c
 subject, a motion c that all share and a departure d_s from it, both Fourier series without
 constant. Penalised least squares,
 
-``sum_sf |x_sf - x_s(t_sf)|^2 + n lambda sum_h h^4 (|c_h|^2 + kappa sum_s |d_sh|^2)``
+``sum_sf |x_sf - x_s(t_sf)|^2 + n lambda sum_h h^p (|c_h|^2 + kappa sum_s |d_sh|^2)``
 
 with n the mean number of phases, lets subjects with few or uneven phases lean on the motion that
-is common. h^4 penalises the second derivative: with many harmonics this is the periodic cubic
-smoothing spline (Wahba 1990, chapter 2).
+is common. With many harmonics p = 4, which penalises the second derivative, is the periodic cubic
+smoothing spline, and p = 2, the first, the polygon through the phases, smoothed (Wahba 1990,
+chapter 2).
 
-The number of harmonics, lambda and kappa come from leaving one phase out, along every principal
-axis of the motion: the first axes hold movement, the last mostly noise. For penalised least
-squares the left-out residual has the closed form ``e_i / (1 - H_ii)``, H the matrix from data to
-fit. Over a dozen phases the least error is a noisy judge, so candidates are not picked but mixed,
-each with the weight ``(mean squared left-out error)^(-N/2)`` of its pseudo-likelihood (Geisser &
-Eddy 1979; Yao et al. 2018): one that is clearly worse has none. Before any phase is seen their
-odds are as kappa: what the phases cannot tell is held to be common. The errors that are reported
-are nested: the weights used for a left-out phase are those that the other phases give.
+The number of harmonics, lambda, kappa and p come from leaving one phase out, along every
+principal axis of the motion: the first axes hold movement, the last mostly noise. For penalised
+least squares the left-out residual has the closed form ``e_i / (1 - H_ii)``, H the matrix from
+data to fit. Over a dozen phases the least error is a noisy judge, so candidates are not picked but
+mixed, each with the weight ``(mean squared left-out error)^(-N/2)`` of its pseudo-likelihood
+(Geisser & Eddy 1979; Yao et al. 2018): one that is clearly worse has none. Before any phase is
+seen their odds are as kappa: what the phases cannot tell is held to be common. The errors that are
+reported are nested: the weights used for a left-out phase are those that the other phases give.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import eigh
@@ -44,6 +46,9 @@ NEGLIGIBLE = 1e-6
 """Part of the squared motion added to squared errors: errors below about a thousandth of the
 motion tell candidates apart no more."""
 
+_Choice: TypeAlias = tuple[int, float, float, int]
+"""Number of harmonics, lambda, kappa and p."""
+
 LEAST_WEIGHT = 1e-4
 """Candidates with less than this weight along every axis are left out of the mixture."""
 
@@ -61,22 +66,26 @@ class TrajectorySettings:
         Candidates of lambda, positive.
     stiffness : tuple of float
         Candidates of kappa: how much harder a departure is penalised than the common motion.
+    powers : tuple of int
+        Candidates of p, positive.
     """
 
     harmonics: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 10, 16)
     smoothness: tuple[float, ...] = (1.0, 0.2, 6e-2, 2.5e-2, 1e-2, 4e-3, 1e-3, 2e-4, 3e-5, 1e-6)
     stiffness: tuple[float, ...] = (100.0, 10.0, 1.0)
+    powers: tuple[int, ...] = (4, 2)
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if not all(value > 0 for value in (*self.smoothness, *self.stiffness)) or not all(
+        positive = (*self.smoothness, *self.stiffness, *self.powers)
+        if not all(value > 0 for value in positive) or not all(
             count >= 0 for count in self.harmonics
         ):
             raise InputError(
-                "settings of the trajectories: expected positive smoothness and stiffness and no "
-                f"negative number of harmonics, found {self}"
+                "settings of the trajectories: expected positive smoothness, stiffness and powers "
+                f"and no negative number of harmonics, found {self}"
             )
-        if not (self.harmonics and self.smoothness and self.stiffness):
+        if not (self.harmonics and self.smoothness and self.stiffness and self.powers):
             raise InputError(
                 "settings of the trajectories: expected at least one candidate of each, "
                 f"found {self}"
@@ -96,9 +105,9 @@ class Trajectories:
         Of the whole curve of each subject: constant, common motion and departure together.
     common : (2 H + 1, R) float64
         Of the motion that all subjects share; its constant is zero.
-    choices : (R, 3) float64
-        Number of harmonics, lambda and kappa of the candidate with the largest weight along each
-        principal axis of the motion.
+    choices : (R, 4) float64
+        Number of harmonics, lambda, kappa and p of the candidate with the largest weight along
+        each principal axis of the motion.
     left_out_errors : (N,) float64
         Distance of each phase from the curves fitted, and candidates weighed, without it; NaN
         where a subject's only phase cannot be left out.
@@ -120,7 +129,7 @@ class Trajectories:
             self, "common", frozen_floats(self.common, coefficients.shape[1:], "common motion")
         )
         object.__setattr__(
-            self, "choices", frozen_floats(self.choices, (coefficients.shape[2], 3), "choices")
+            self, "choices", frozen_floats(self.choices, (coefficients.shape[2], 4), "choices")
         )
         errors = np.array(self.left_out_errors, dtype=np.float64)
         errors.flags.writeable = False
@@ -228,28 +237,33 @@ def interpolation_errors(
     return errors
 
 
-def _candidates(settings: TrajectorySettings) -> list[tuple[int, float, float]]:
+def _candidates(settings: TrajectorySettings) -> list[_Choice]:
     """Return the candidates, stiffest, then simplest, then smoothest first.
 
     Without harmonics there is nothing to penalise, so that candidate comes once.
     """
-    return [
-        (harmonics, smoothness, stiffness)
-        for index, stiffness in enumerate(sorted(settings.stiffness, reverse=True))
+    found = [
+        (harmonics, smoothness, stiffness, power)
+        for stiffness in sorted(settings.stiffness, reverse=True)
         for harmonics in sorted(set(settings.harmonics))
-        for number, smoothness in enumerate(sorted(settings.smoothness, reverse=True))
-        if harmonics > 0 or index + number == 0
+        for smoothness in sorted(settings.smoothness, reverse=True)
+        for power in sorted(settings.powers, reverse=True)
     ]
+    still = [choice for choice in found if choice[0] == 0]
+    return still[:1] + [choice for choice in found if choice[0] > 0]
 
 
 def _log_likelihood(squared: FloatArray, floor: float, count: int) -> FloatArray:
     """Return the logarithms of pseudo-likelihoods (n, R) from squared left-out errors (n, R).
 
-    Along a single axis a dozen phases say little: the error counts half along the axis and half
-    over all axes together.
+    Along a single axis a dozen phases say little, and the axes were found from the same phases:
+    the error counts a third along the axis, a third over it and all axes of less motion, and a
+    third over all axes together.
     """
-    overall = squared.sum(axis=1, keepdims=True)
-    found: FloatArray = -0.25 * count * (np.log(squared + floor) + np.log(overall + floor))
+    lesser = np.cumsum(squared[:, ::-1], axis=1)[:, ::-1]  # (n, R)
+    overall = lesser[:, :1]
+    logarithms = [np.log(error + floor) for error in (squared, lesser, overall)]
+    found: FloatArray = -count / 6.0 * (logarithms[0] + logarithms[1] + logarithms[2])
     return found
 
 
@@ -330,22 +344,22 @@ def _penalised_fit(
     data: FloatArray,
     times: FloatArray,
     rows: Sequence[IntArray],
-    choice: tuple[int, float, float],
+    choice: _Choice,
 ) -> _Fit:
     """Solve the penalised least squares: subjects are eliminated, the common motion is left.
 
     With A the design of one subject, its penalty D and ``M = I - A (A^T A + D)^-1 A^T`` what it
     cannot fit by itself, the common motion solves ``(sum F^T M F + C) c = sum F^T M x``.
     """
-    harmonics, smoothness, stiffness = choice
-    powers = np.repeat(np.arange(1, harmonics + 1), 2).astype(np.float64) ** 4  # (2H,)
-    common_penalty = len(data) / len(rows) * smoothness * powers
+    harmonics, smoothness, stiffness, power = choice
+    orders = np.repeat(np.arange(1, harmonics + 1), 2).astype(np.float64)  # (2H,)
+    common_penalty = len(data) / len(rows) * smoothness * orders**power
     own_penalty = np.concatenate([[0.0], stiffness * common_penalty])
     designs = [fourier_design(times[chosen], harmonics) for chosen in rows]
     solutions = [np.linalg.solve(a.T @ a + np.diag(own_penalty), a.T) for a in designs]
     makers = [np.eye(len(a)) - a @ solved for a, solved in zip(designs, solutions, strict=True)]
     normal = np.diag(common_penalty)
-    right = np.zeros((len(powers), data.shape[1]))
+    right = np.zeros((len(orders), data.shape[1]))
     for a, maker, chosen in zip(designs, makers, rows, strict=True):
         left = a[:, 1:].T @ maker  # (2H, n)
         normal = normal + left @ a[:, 1:]
