@@ -67,6 +67,8 @@ $(VENV)/installed-docs: pyproject.toml | $(VENV)/installed
 
 # Time together with accuracy; minutes each. See docs/benchmarks.md.
 benchmarks: $(VENV)/installed-test
+	$(BIN)/python -m pip install --quiet --group benchmarks
 	$(BIN)/python -m benchmarks.embedding
+	$(BIN)/python -m benchmarks.compare
 	$(BIN)/ostiform demo -o $(OUT) && rm -rf $(OUT)/measured
 	$(BIN)/python -m benchmarks.chain $(OUT)/study/study.toml $(OUT)/measured

@@ -42,7 +42,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "gallery",
     "filename_pattern": "/plot_",
-    "image_scrapers": ("matplotlib", "pyvista", FigureScraper()),
+    "image_scrapers": (FigureScraper(), "matplotlib", "pyvista"),
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,

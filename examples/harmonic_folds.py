@@ -72,10 +72,12 @@ def draw_counts(embedding: Embedding, sphere: Sphere, pose: FloatArray, path: Pa
         axes.axhline(ours, color=PART_COLOURS[3], label="barrier map (Ostiform), any radius")
         axes.axvline(2.0, color="#888888", linewidth=0.8, linestyle=":")
         axes.set_yscale("symlog", linthresh=1.0)
-        axes.set_ylim(bottom=-0.2)
+        axes.set_ylim(-0.2, 2.0 * max(*harmonic, 1))
+        powers = [10**k for k in range(1 + int(np.log10(max(*harmonic, 1))))]
+        axes.set_yticks([0, *powers], [str(value) for value in (0, *powers)])
         axes.set_xlabel("radius of the circles / conformal radius of the openings")
         axes.set_ylabel("triangles turned over")
-        axes.legend(loc="upper left")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.07))
     drawing.savefig(path, metadata={"Date": None})
 
 

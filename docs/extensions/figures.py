@@ -6,7 +6,11 @@ from sphinx_gallery.scrapers import figure_rst
 
 
 class FigureScraper:
-    """Save every figure that a block of an example has made and bound to a name, once."""
+    """Save every figure that a block of an example has made and bound to a name, once.
+
+    It must come before the scraper of pyplot's figures, which closes them: those it knows by their
+    being open.
+    """
 
     def __repr__(self):
         """Return the same text in every run, so that Sphinx sees no change of the settings."""
@@ -14,13 +18,13 @@ class FigureScraper:
 
     def __call__(self, block, block_vars, gallery_conf):
         """Return the reStructuredText of the new figures."""
-        managed = [pyplot.figure(number) for number in pyplot.get_fignums()]
-        saved = block_vars["example_globals"].setdefault("__saved_figures__", [])
+        known = block_vars["example_globals"].setdefault("__known_figures__", [])
+        known += [pyplot.figure(number) for number in pyplot.get_fignums()]
         names = []
         for value in list(block_vars["example_globals"].values()):
-            if not isinstance(value, Figure) or any(value is other for other in managed + saved):
+            if not isinstance(value, Figure) or any(value is other for other in known):
                 continue
-            saved.append(value)
+            known.append(value)
             names.append(next(block_vars["image_path_iterator"]))
             value.savefig(names[-1], format="png", dpi=150)
         return figure_rst(names, gallery_conf["src_dir"])

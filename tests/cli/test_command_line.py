@@ -68,7 +68,7 @@ def test_help_of_a_command_is_its_docstring(capsys):
     ("arguments", "expected"),
     [
         (["bould"], 'Did you mean "build"?'),
-        (["build"], "requires an argument"),
+        (["build"], "expected a value for --study, found none"),
         (["build", "x", "--wrkers", "3"], "Did you mean --workers?"),
         (["build", "x", "-w", "three"], 'unable to convert "three" into int'),
     ],
@@ -86,7 +86,7 @@ def test_a_wrong_option_is_one_sentence_that_says_where_to_look(arguments, expec
 def test_a_wrong_option_is_input_and_ends_with_2(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["ostiform", "build", "x", "--wrkers", "3"])
     with pytest.raises(SystemExit) as caught:
-        cli.main()
+        cli._run()
     assert caught.value.code == 2
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -105,7 +105,7 @@ def test_whatever_ends_a_run_outside_of_a_command_has_its_code(monkeypatch, rais
     monkeypatch.setattr(os, "dup2", lambda *_: None)
     monkeypatch.setattr(os, "_exit", sys.exit)
     with pytest.raises(SystemExit) as caught:
-        cli.main()
+        cli._run()
     assert caught.value.code == code
 
 

@@ -33,6 +33,9 @@ def test_a_phase_in_correspondence_becomes_a_cycle_with_its_numbers(files, tmp_p
     assert "points in correspondence" in said.out
     facts = json.loads((tmp_path / "prediction.json").read_text(encoding="utf-8"))
     assert facts["training_subjects"] == 3
+    for rule in ("error", "mean_motion", "nearest_subject"):
+        assert 0.0 < facts[f"left_out_{rule}_mm"] < 10.0
+    assert "by the mean motion" in said.out
     assert facts["mean_sd_mm"][0] < 1e-2 < facts["mean_sd_mm"][2]
     assert sorted(path.name for path in tmp_path.glob("*.vtp")) == [
         f"phase_{index:04d}.vtp" for index in (0, 2500, 5000, 7500)

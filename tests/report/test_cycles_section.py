@@ -23,6 +23,7 @@ from ostiform.model import (
 from ostiform.pipeline.dynamics import write_dynamics
 from ostiform.pipeline.store import Store
 from ostiform.report import clinical_section, cycles_section
+from ostiform.report.cycles import clinical_figure
 
 SETTINGS = {"seed": 0, "evaluation": {"specificity_samples": 50}}
 
@@ -72,16 +73,31 @@ def test_a_population_of_phases_has_figures_and_tables(evaluation):
     )
     assert len(clinical.pictures[0].figure.axes) == 6
     assert len(clinical.tables[0].rows) == 4
+    assert clinical.tables[0].header[1] == "LV ejection fraction (%)"
 
 
-def test_a_population_without_phases_has_a_sentence_only(tmp_path):
+def test_an_opening_that_two_parts_share_is_drawn_once():
+    shapes, stored = stored_population(4, 5)
+    table = clinical_table(shapes.ids, shapes.aligned, shapes.aligned, stored.model.mesh)
+    titles = [axes.get_title() for axes in clinical_figure(table).axes]
+    assert sum("mitral" in title for title in titles) == 1
+    assert "LA.vein: area (mm²)" in titles
+
+
+def test_a_population_without_phases_has_sizes_but_no_motion(tmp_path):
     shapes, stored = stored_population(5, 1)
     found = write_dynamics(Store(tmp_path), "key", stored, shapes, SETTINGS)
     assert found.evaluation is None
     for section in (cycles_section(found.evaluation), clinical_section(found.clinical)):
         assert len(section.paragraphs) == 1
         assert not section.pictures
-        assert not section.tables
+    assert not cycles_section(found.evaluation).tables
+    (sizes,) = clinical_section(found.clinical).tables
+    rows = {row[0]: row[1:] for row in sizes.rows}
+    volumes = found.clinical.column("LV_volume_ml")
+    assert float(rows["LV volume (ml)"][0]) == pytest.approx(volumes.mean(), abs=0.05)
+    assert str(shapes.ids[int(volumes.argmax())]) in rows["LV volume (ml)"][3]
+    assert "LV.aortic largest diameter (mm)" in rows
     assert not (tmp_path / "dynamics.json").exists()
     assert (tmp_path / "clinical.csv").is_file()
 

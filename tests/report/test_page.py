@@ -69,7 +69,7 @@ def page(**kwargs):
             NASTY,
             (NASTY,),
             (Picture("plot", plotted(), NASTY, NASTY), Picture("pixels", plotted(), "", "", False)),
-            (Table(NASTY, (NASTY, "b"), ((NASTY, "1"),) * 13),),
+            (Table(NASTY, (NASTY, "b"), ((NASTY, "1"),) * 15),),
             **kwargs,
         ),
     )
@@ -146,15 +146,28 @@ def test_the_bundle_cannot_be_taken_for_markup(with_viewer):
 
 def test_long_tables_are_folded_after_ten_rows(without_viewer):
     reader = read(without_viewer)
-    assert "The other 3 of 13 rows" in "".join(reader.texts["summary"])
-    assert sum(tag == "th" and attrs.get("scope") == "row" for tag, attrs in reader.tags) == 13
+    assert "The other 5 of 15 rows" in "".join(reader.texts["summary"])
+    assert sum(tag == "th" and attrs.get("scope") == "row" for tag, attrs in reader.tags) == 15
+
+
+def test_a_few_more_rows_are_not_folded():
+    tables = (Table("t", ("x", "y"), (("a", "b"),) * 14),)
+    reader = read(render_page(Page("p", "", (), (Section("s", "t", tables=tables),))))
+    assert not reader.texts.get("summary")
+
+
+def test_every_table_has_a_name_of_its_own():
+    tables = (Table("t", ("x", "y"), (("a", "b"),) * 30),)
+    reader = read(render_page(Page("p", "", (), (Section("s", "t", tables=tables),))))
+    names = [attrs["aria-label"] for _, attrs in reader.tags if attrs.get("role") == "region"]
+    assert names == ["t", "t: The other 20 of 30 rows"]
 
 
 def test_a_table_shows_as_many_rows_as_it_says():
-    rows = (("a", "b"),) * 4
-    tables = tuple(Table(f"{shown}", ("x", "y"), rows, shown) for shown in (0, 2, 4))
+    rows = (("a", "b"),) * 9
+    tables = tuple(Table(f"{shown}", ("x", "y"), rows, shown) for shown in (0, 2, 9))
     reader = read(render_page(Page("p", "", (), (Section("s", "t", tables=tables),))))
-    assert reader.texts["summary"] == ["All 4 rows", "The other 2 of 4 rows"]
+    assert reader.texts["summary"] == ["All 9 rows", "The other 7 of 9 rows"]
     assert sum(tag == "table" for tag, _ in reader.tags) == 4
 
 

@@ -22,6 +22,7 @@ from ostiform.pipeline.report_record import (
 )
 from ostiform.pipeline.run import Failure, Ready
 from ostiform.pipeline.store import Store, file_hash
+from ostiform.report.html import FIGURE_NAMES
 from ostiform.study import ShapeId
 from ostiform.study.settings import parsed_settings
 
@@ -122,13 +123,19 @@ def test_the_report_needs_neither_study_nor_meshes(example_folder, tmp_path):
     (tmp_path / "example" / "results").rename(output)
     shutil.rmtree(tmp_path / "example")
     (output / "report.html").unlink()
+    names = {path.stem for path in (output / "figures").iterdir()}
+    assert all(FIGURE_NAMES.fullmatch(name) for name in names)
     shutil.rmtree(output / "figures")
+    (output / "figures").mkdir()
+    for name in ("flagged99.svg", "left-out.pdf", "mine.png"):
+        (output / "figures" / name).write_text("an earlier one")
     heard = []
     summary = report_study(tmp_path / "gone" / "study.toml", output, tell=heard.append)
     assert summary.shapes == json.loads((output / "run.json").read_text("utf-8"))["entries"]
     assert (output / "report.html").stat().st_size < 8_000_000
     for suffix in ("svg", "pdf", "png"):
         assert (output / "figures" / f"maps-paper.{suffix}").is_file()
+    assert {path.stem for path in (output / "figures").iterdir()} == {*names, "mine"}
     notes = [event.text for event in heard if isinstance(event, Note)]
     assert any(text.startswith("gone since the last run") for text in notes)
 

@@ -105,6 +105,7 @@ def build(
     *,
     until: Stage = Stage.REPORT,
     workers: int = 1,
+    scheduler: str | None = None,
     tell: Tell | None = None,
 ) -> Results:
     """Build the model of a study, with its evidence and report.
@@ -122,6 +123,8 @@ def build(
         The last stage to run.
     workers : int
         Processes; in a script more than one needs the usual ``if __name__ == "__main__":``.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers do the work instead; see :doc:`/scale`.
     tell : callable, optional
         Takes the events of the run, see `ostiform.pipeline.Event`; nothing is printed.
 
@@ -136,7 +139,9 @@ def build(
     """
     watch = tell or _silent
     source = study if isinstance(study, Study) else Path(study)
-    summary = build_study(source, Path(output), until=until, workers=workers, tell=watch)
+    summary = build_study(
+        source, Path(output), until=until, workers=workers, scheduler=scheduler, tell=watch
+    )
     return Results(summary.output, summary)
 
 

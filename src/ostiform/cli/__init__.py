@@ -4,9 +4,10 @@ import os
 import sys
 from typing import NoReturn
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from ostiform import __version__
+from ostiform.cli.supervisor import INTERRUPTED, RESUME, supervised
 
 __all__ = ["application", "main"]
 
@@ -26,8 +27,6 @@ With surfaces or label maps of your own:
 EPILOGUE = """Exit codes: 0 done, 1 other failure, 2 input or options, 3 topology, 4 embedding,
 5 convergence, 6 artifacts, 130 interrupted.
 """
-
-INTERRUPTED = 130
 
 # By name, so that `ostiform --help` and `--version` do not wait for the numerical libraries.
 COMMANDS = {
@@ -109,6 +108,10 @@ def main() -> None:
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before a command imports NumPy
+    supervised(_run)
+
+
+def _run() -> None:
     words = sys.argv[1:]
     app = application(words[0] if words else "")
     try:
@@ -117,7 +120,7 @@ def main() -> None:
         print(_sentence(error), file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        print(RESUME, file=sys.stderr)
         _leave_at_once()
     except SystemExit as end:
         if end.code == INTERRUPTED:
@@ -140,4 +143,10 @@ def _leave_at_once() -> NoReturn:
 
 def _sentence(error: CycloptsError) -> str:
     command = " ".join(("ostiform", *(error.command_chain or ())))
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        name = error.argument.names[0]
+        return (
+            f"error: {command}: expected a value for {name}, found none "
+            f"(`{command} --help` lists what there is)"
+        )
     return f"error: {' '.join(str(error).split())} (`{command} --help` lists what there is)"

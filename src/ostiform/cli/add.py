@@ -18,7 +18,11 @@ def add(
     study: StudyPath,
     shapes: Annotated[
         tuple[str, ...],
-        Parameter(help="SUBJECT or SUBJECT/PHASE; default every shape that is new in the study."),
+        Parameter(
+            help="SUBJECT or SUBJECT/PHASE; default every shape that is new in the study.",
+            negative="",
+            show_default=False,
+        ),
     ] = (),
     *,
     output: Annotated[

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ostiform.cli.options import DEFAULTS, Common, Output, StudyPath
+from ostiform.cli.options import DEFAULTS, Common, Output, Scheduler, StudyPath
 from ostiform.cli.running import run_command, show_summary, worker_count
 from ostiform.pipeline.build import Stage, build_study
 from ostiform.pipeline.report_only import report_study
@@ -10,36 +10,72 @@ from ostiform.pipeline.report_only import report_study
 __all__ = ["build", "correspond", "embed", "evaluate", "model", "report"]
 
 
-def build(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+def build(
+    study: StudyPath,
+    output: Output = Path("out"),
+    *,
+    scheduler: Scheduler = None,
+    common: Common = DEFAULTS,
+) -> int:
     """Build the shape model of a study, with its evidence and report.
 
     All stages are run: embed, correspond, model, evaluate, report. Whatever is already in the
     output folder and still true is kept, so a run that was interrupted goes on where it was.
     """
-    return _until(Stage.REPORT, study, output, common)
+    return _until(Stage.REPORT, study, output, scheduler, common)
 
 
-def embed(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+def embed(
+    study: StudyPath,
+    output: Output = Path("out"),
+    *,
+    scheduler: Scheduler = None,
+    common: Common = DEFAULTS,
+) -> int:
     """Read the shapes and map each to the base domain, with a certificate against folds."""
-    return _until(Stage.EMBED, study, output, common)
+    return _until(Stage.EMBED, study, output, scheduler, common)
 
 
-def correspond(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+def correspond(
+    study: StudyPath,
+    output: Output = Path("out"),
+    *,
+    scheduler: Scheduler = None,
+    common: Common = DEFAULTS,
+) -> int:
     """Bring the shapes into correspondence (and run the stages before, where needed)."""
-    return _until(Stage.CORRESPOND, study, output, common)
+    return _until(Stage.CORRESPOND, study, output, scheduler, common)
 
 
-def model(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+def model(
+    study: StudyPath,
+    output: Output = Path("out"),
+    *,
+    scheduler: Scheduler = None,
+    common: Common = DEFAULTS,
+) -> int:
     """Fit the shape models and write their meshes (and run the stages before, where needed)."""
-    return _until(Stage.MODEL, study, output, common)
+    return _until(Stage.MODEL, study, output, scheduler, common)
 
 
-def evaluate(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+def evaluate(
+    study: StudyPath,
+    output: Output = Path("out"),
+    *,
+    scheduler: Scheduler = None,
+    common: Common = DEFAULTS,
+) -> int:
     """Measure how good the models are (and run the stages before, where needed)."""
-    return _until(Stage.EVALUATE, study, output, common)
+    return _until(Stage.EVALUATE, study, output, scheduler, common)
 
 
-def report(study: StudyPath, output: Output = Path("out"), *, common: Common = DEFAULTS) -> int:
+def report(
+    study: StudyPath,
+    output: Output = Path("out"),
+    *,
+    scheduler: Scheduler = None,
+    common: Common = DEFAULTS,
+) -> int:
     """Write the report again, from the output folder alone if nothing has changed.
 
     The study and its meshes may be gone by then. Where the study or a mesh has changed, or no
@@ -48,16 +84,26 @@ def report(study: StudyPath, output: Output = Path("out"), *, common: Common = D
     return run_command(
         common,
         lambda tell: show_summary(
-            common, report_study(study, output, workers=worker_count(common), tell=tell)
+            common,
+            report_study(
+                study, output, workers=worker_count(common), scheduler=scheduler, tell=tell
+            ),
         ),
     )
 
 
-def _until(stage: Stage, study: Path, output: Path, common: Common) -> int:
+def _until(stage: Stage, study: Path, output: Path, scheduler: str | None, common: Common) -> int:
     return run_command(
         common,
         lambda tell: show_summary(
             common,
-            build_study(study, output, until=stage, workers=worker_count(common), tell=tell),
+            build_study(
+                study,
+                output,
+                until=stage,
+                workers=worker_count(common),
+                scheduler=scheduler,
+                tell=tell,
+            ),
         ),
     )

@@ -6,11 +6,21 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-__all__ = ["DEFAULTS", "Common", "Output", "StudyPath"]
+__all__ = ["DEFAULTS", "Common", "Output", "Scheduler", "StudyPath"]
 
 StudyPath = Annotated[Path, Parameter(help="The study file (study.toml).")]
 Output = Annotated[
     Path, Parameter(name=["--output", "-o"], help="Folder for the results; made if missing.")
+]
+
+Scheduler = Annotated[
+    str | None,
+    Parameter(
+        name="--scheduler",
+        help="Address of a Dask scheduler (tcp://HOST:PORT) whose workers do the work, instead "
+        "of processes of this machine.",
+        show_default=False,
+    ),
 ]
 
 

@@ -68,8 +68,12 @@ def _predict(
             print(f"{shape}: {source}")
         print(
             f"{when[1]} shapes in {output}; standard deviation of a coordinate "
-            f"{np.mean(facts['mean_sd_mm']):.2f} mm; training subjects, each predicted from the "
-            f"others: {facts['left_out_error_mm']:.2f} mm"
+            f"{np.mean(facts['mean_sd_mm']):.2f} mm"
+        )
+        print(
+            f"training subjects, each predicted from the others: {facts['left_out_error_mm']:.2f} "
+            f"mm; by the mean motion {facts['left_out_mean_motion_mm']:.2f} mm, by the nearest "
+            f"subject's motion {facts['left_out_nearest_subject_mm']:.2f} mm"
         )
     return 0
 

@@ -7,9 +7,11 @@ import traceback
 from collections.abc import Callable
 
 from ostiform.cli.options import Common
+from ostiform.cli.supervisor import INTERRUPTED, RESUME
 from ostiform.cli.watch import watching
 from ostiform.errors import (
     ArtifactError,
+    CollapseError,
     ConvergenceError,
     EmbeddingError,
     InputError,
@@ -27,9 +29,9 @@ EXIT_CODES: dict[type[OstiformError], int] = {
     EmbeddingError: 4,
     ConvergenceError: 5,
     ArtifactError: 6,
+    CollapseError: 7,
 }
 OTHER_FAILURE = 1
-INTERRUPTED = 130
 
 
 def run_command(common: Common, work: Callable[[Tell], int]) -> int:
@@ -62,10 +64,7 @@ def run_command(common: Common, work: Callable[[Tell], int]) -> int:
         )
         return OTHER_FAILURE
     except KeyboardInterrupt:
-        print(
-            "interrupted: what was finished is kept; run the same command again to go on",
-            file=sys.stderr,
-        )
+        print(RESUME, file=sys.stderr)
         return INTERRUPTED
 
 
@@ -73,7 +72,10 @@ def worker_count(common: Common) -> int:
     """Return the number of processes to use."""
     if common.workers is not None:
         if common.workers < 1:
-            raise InputError(f"--workers: expected at least 1, found {common.workers}")
+            raise InputError(
+                f"--workers: expected at least 1, found {common.workers}; leave it out for one "
+                "per processor core"
+            )
         return common.workers
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

@@ -45,7 +45,7 @@ class Wanted:
             help="A new beating shape: standard deviations of the first modes between subjects."
         ),
     ] = None
-    times: Annotated[int, Parameter(help="Shapes per cycle.")] = 20
+    times: Annotated[int, Parameter(name=["--frames", "--times"], help="Shapes per cycle.")] = 20
     format: Annotated[
         list[Literal["vtp", "ply", "stl", "obj"]] | None,
         Parameter(help="Of the meshes; may be given again. Default vtp.", negative=""),

@@ -7,7 +7,15 @@ from ostiform.domain.json_form import domain_from_json, domain_to_json
 from ostiform.domain.layout import lay_out, radius_candidates
 from ostiform.domain.levels import with_levels
 from ostiform.domain.outline import ComponentOutline, chosen_pole, outlined, pole_circle
-from ostiform.domain.pose import PopulationPoses, PoseMethod, landmarks, population_poses
+from ostiform.domain.pose import (
+    PopulationPoses,
+    PoseFeatures,
+    PoseMethod,
+    landmarks,
+    population_poses,
+    pose_features,
+    poses_of_features,
+)
 from ostiform.domain.template import (
     TriangleQuality,
     assembled_template,
@@ -40,6 +48,7 @@ __all__ = [
     "ComponentOutline",
     "ConformalHoles",
     "PopulationPoses",
+    "PoseFeatures",
     "PoseMethod",
     "SizingFunction",
     "Sphere",
@@ -61,6 +70,8 @@ __all__ = [
     "outlined",
     "pole_circle",
     "population_poses",
+    "pose_features",
+    "poses_of_features",
     "radius_candidates",
     "spherical_delaunay",
     "stereographic_view",

@@ -13,19 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.correspondence import (
     Correspondence,
-    CorrespondenceSettings,
     Placed,
     TrainedCorrespondence,
     place,
     sampler,
     trained_from,
 )
-from ostiform.domain import BaseDomain, domain_from_json, population_poses
-from ostiform.embedding import Embedding, EmbeddingSettings, embed, population_problems
-from ostiform.errors import ArtifactError, EmbeddingError, InputError
+from ostiform.embedding import Embedding
+from ostiform.errors import InputError
 from ostiform.evaluation import OriginalMesh, part_volumes, shape_coverage
 from ostiform.exchange import write_scores_csv, write_volumes_csv
 from ostiform.model import (
@@ -33,32 +31,29 @@ from ostiform.model import (
     fit_model,
     mesh_of_template,
     project,
-    read_correspondence,
     reconstruct,
     write_correspondence,
     write_model,
 )
-from ostiform.pipeline.arrays_file import read_embeddings, write_embeddings, write_shape
-from ostiform.pipeline.arrays_file import read_shape as read_stored_shape
+from ostiform.pipeline.arrays_file import write_embeddings, write_shape
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.events import Note, Progress, Tell
-from ostiform.pipeline.prepare import prepared_components, shape_artifact
+from ostiform.pipeline.finished import (
+    FinishedModel,
+    embedded_in,
+    finished_model,
+    new_entries,
+    read_named,
+)
+from ostiform.pipeline.prepare import shape_artifact
 from ostiform.pipeline.store import Store, key_of, slug
 from ostiform.study import (
     Shape,
-    ShapeEntry,
     ShapeId,
-    Study,
-    named_population,
-    read_shape,
     read_study,
-    survey_from_json,
-    survey_shape,
 )
 
 __all__ = ["AddedShape", "Addition", "add_shapes"]
-
-READ_STAGES = ("look", "read")
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,13 +142,13 @@ def add_shapes(
     if output.resolve() == results.resolve():
         raise InputError(f"{output}: expected another folder than the results that are added to")
     study = read_study(study_path)
-    finished = _finished(results)
-    entries = _new_entries(study, finished, wanted)
+    finished = finished_model(results)
+    entries = new_entries(study, finished, wanted)
     watch(Progress("add", 0, len(entries)))
     store = Store(output)
     key = key_of("added", str(results.resolve()), [str(entry.id) for entry in entries])
-    shapes = _read(study, finished, entries)
-    embeddings = _embedded(study, finished, shapes)
+    shapes = read_named(study, finished, entries)
+    embeddings = embedded_in(study, finished, shapes)
     placed, trained = _placed(finished, shapes, embeddings, watch)
     correspondence, stored, residues = _refitted(finished.correspondence, shapes, placed, trained)
     added = tuple(
@@ -177,143 +172,8 @@ def add_shapes(
     return addition
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Finished:
-    store: Store
-    correspondence: Correspondence
-    domain: BaseDomain
-    settings: CorrespondenceSettings
-    noise_mm: float
-    l_cut: float
-    failed: tuple[tuple[str, str, str], ...]
-
-
-def _finished(results: Path) -> _Finished:
-    store = Store(results)
-    correspondence = read_correspondence(results / "correspondence.h5")
-    facts = store.read_json("correspondence.json")
-    failed = store.read_json("failed.json")
-    try:
-        return _Finished(
-            store,
-            correspondence,
-            domain_from_json(store.read_json("domain.json")),
-            CorrespondenceSettings(**facts["settings"]),
-            float(facts["noise_mm"]),
-            float(facts["l_cut_mm2"]),
-            tuple((item["subject"], item["phase"], item["stage"]) for item in failed),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise ArtifactError(
-            f"{results}: expected the results of `ostiform build`, found others ({error}): shapes "
-            "can only be added to a model that this program built"
-        ) from error
-
-
-def _new_entries(study: Study, finished: _Finished, wanted: Sequence[str]) -> list[ShapeEntry]:
-    known = {(id.subject, id.phase) for id in finished.correspondence.ids}
-    left_out = {(subject, phase) for subject, phase, _ in finished.failed}
-    by_name: dict[str, list[ShapeEntry]] = {}
-    for entry in study.entries:
-        by_name.setdefault(entry.id.subject, []).append(entry)
-        by_name.setdefault(str(entry.id), []).append(entry)
-    for name in wanted:
-        if name not in by_name:
-            raise InputError(
-                f"{name}: expected a shape SUBJECT/PHASE or a subject of {study.path}, found "
-                f"neither among its {len(study.entries)} shapes: list the new shape in the study"
-            )
-        if all((e.id.subject, e.id.phase) in known for e in by_name[name]):
-            raise InputError(f"{name}: expected a new shape, found it in the model already")
-    chosen = {str(entry.id) for name in wanted for entry in by_name[name]}
-    entries = [
-        entry
-        for entry in study.entries
-        if (entry.id.subject, entry.id.phase) not in known
-        and (
-            str(entry.id) in chosen
-            if wanted
-            else (entry.id.subject, entry.id.phase) not in left_out
-        )
-    ]
-    if not entries:
-        raise InputError(
-            f"{study.path}: expected shapes that the model does not have, found none: list the new "
-            "shapes in the study"
-        )
-    return entries
-
-
-def _read(study: Study, finished: _Finished, entries: Sequence[ShapeEntry]) -> list[Shape]:
-    """Read the new shapes, their openings named over the whole population."""
-    surveys = [survey_shape(study, entry) for entry in entries]
-    known = [
-        survey_from_json(finished.store.read_json(name))
-        for name in (f"surveys/{slug(id)}.json" for id in finished.correspondence.ids)
-        if finished.store.path(name).is_file()
-    ]
-    population = named_population(study.settings, [*known, *surveys])
-    shapes = []
-    for entry in entries:
-        if entry.id in population.problems:
-            raise InputError(f"shape {entry.id}: {population.problems[entry.id]}")
-        shapes.append(read_shape(study, entry, population.names[entry.id]))
-    return shapes
-
-
-def _poses(study: Study, finished: _Finished, shapes: Sequence[Shape]) -> FloatArray:
-    """Return the poses (n, 4, 4) of new shapes in the frame that the domain was laid out in."""
-    unread = {(s, p) for s, p, stage in finished.failed if stage in READ_STAGES}
-    mapped = {(id.subject, id.phase) for id in finished.correspondence.ids}
-    mapped |= {(s, p) for s, p, stage in finished.failed if stage not in READ_STAGES}
-    order = [
-        entry.id for entry in study.entries if (entry.id.subject, entry.id.phase) in mapped - unread
-    ]
-    stored = np.asarray(finished.store.read_json("poses.json"), dtype=np.float64)
-    if stored.shape != (len(order), 4, 4):
-        raise ArtifactError(
-            f"{finished.store.path('poses.json')}: expected the poses of the {len(order)} shapes "
-            f"that {study.path} and the results share, found an array of shape {stored.shape}: "
-            "keep the shapes of the build listed in the study"
-        )
-    known = [read_stored_shape(finished.store.path(shape_artifact(slug(id)))) for id in order]
-    found = population_poses([*known, *shapes])
-    anchor = found.reference if found.reference < len(known) else 0
-    frame = stored[anchor] @ np.linalg.inv(found.transforms[anchor])
-    return frozen_floats(frame @ found.transforms[len(known) :], (len(shapes), 4, 4), "poses")
-
-
-def _embedded(
-    study: Study, finished: _Finished, shapes: Sequence[Shape]
-) -> list[tuple[Embedding, ...]]:
-    spheres = {sphere.name: sphere for sphere in finished.domain.spheres}
-    settings = EmbeddingSettings(method=study.settings.embedding.method)
-    known = [
-        read_embeddings(finished.store.path(embedding_artifact(slug(id))))
-        for id in finished.correspondence.ids
-    ]
-    made = []
-    for shape, pose in zip(shapes, _poses(study, finished, shapes), strict=True):
-        components, _ = prepared_components(shape)
-        for component in components:
-            if component.name not in spheres:
-                raise InputError(
-                    f"shape {shape.id}: expected the components {', '.join(spheres)}, found "
-                    f"{component.name}: its parts and seams differ from the model's"
-                )
-        own = tuple(embed(c, spheres[c.name], settings, pose) for c in components)
-        problems = [problem for e in own for problem in e.certificate.problems]
-        for number, embedding in enumerate(own):
-            others = [item[number].certificate for item in known]
-            problems += population_problems([*others, embedding.certificate])[-1]
-        if problems:
-            raise EmbeddingError(f"{shape.id}: the map is not certified: {'; '.join(problems)}")
-        made.append(own)
-    return made
-
-
 def _placed(
-    finished: _Finished,
+    finished: FinishedModel,
     shapes: Sequence[Shape],
     embeddings: Sequence[tuple[Embedding, ...]],
     tell: Tell,
@@ -345,7 +205,7 @@ def _placed(
     return Placed(directions, points, transforms), trained
 
 
-def _known_transform(finished: _Finished, subject: str) -> FloatArray | None:
+def _known_transform(finished: FinishedModel, subject: str) -> FloatArray | None:
     if finished.settings.per == "subject":
         for index, id in enumerate(finished.correspondence.ids):
             if id.subject == subject:
@@ -384,7 +244,7 @@ def _refitted(
 def _write(
     store: Store,
     key: str,
-    finished: _Finished,
+    finished: FinishedModel,
     correspondence: Correspondence,
     stored: StoredModel,
 ) -> None:

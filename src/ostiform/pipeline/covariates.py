@@ -3,11 +3,11 @@
 Artifact: ``covariates.csv``, one row per shape of the model: subject, phase, and the columns.
 """
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
 from ostiform.errors import ArtifactError, InputError
+from ostiform.exchange import write_table
 from ostiform.model import StoredModel
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import key_of
@@ -34,13 +34,8 @@ def write_covariates(run: Run) -> None:
     key = key_of("covariates", columns, rows)
     if run.store.is_current(COVARIATES, key):
         return
-    with (
-        run.store.writing(COVARIATES, key) as path,
-        path.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["subject", "phase", *columns])
-        writer.writerows(rows)
+    with run.store.writing(COVARIATES, key) as path:
+        write_table(path, ["subject", "phase", *columns], rows)
 
 
 def read_covariates(

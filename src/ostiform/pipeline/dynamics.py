@@ -5,8 +5,6 @@ Artifacts: ``dynamics.h5`` (the model of all phases with their scores and times,
 ``clinical.csv`` (volumes, openings, long axis, twist of every shape).
 """
 
-import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,10 +17,11 @@ from ostiform.evaluation import (
     dynamic_evaluation_facts,
     evaluate_dynamic_model,
 )
+from ostiform.exchange import write_shape_values_csv
 from ostiform.model import StoredModel, dynamic_model_of, with_landmarks_aligned, write_model
 from ostiform.pipeline.store import Store, key_of
 
-__all__ = ["Dynamics", "clinical_text", "write_dynamics"]
+__all__ = ["Dynamics", "write_dynamics"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +66,7 @@ def write_dynamics(
         correspondence.ids, correspondence.points, correspondence.aligned, stored.model.mesh
     )
     with store.writing("clinical.csv", key) as path:
-        path.write_text(clinical_text(clinical), encoding="utf-8")
+        write_shape_values_csv(path, clinical.ids, clinical.columns, clinical.values)
     subjects = list(dict.fromkeys(id.subject for id in stored.ids))
     if len(subjects) == len(stored.ids):
         return Dynamics(None, clinical)
@@ -81,14 +80,3 @@ def write_dynamics(
             write_model(path, StoredModel(model.total, model.scores, ids, stored.template))
     store.write_json("dynamics.json", key, dynamic_evaluation_facts(evaluation))
     return Dynamics(evaluation, clinical)
-
-
-def clinical_text(table: ClinicalTable) -> str:
-    """Return clinical numbers as CSV, one row per shape."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["subject", "phase", "time", *table.columns])
-    for id, values in zip(table.ids, table.values, strict=True):
-        numbers = (f"{value:.6g}" for value in (id.time, *values))
-        writer.writerow([id.subject, id.phase, *numbers])
-    return stream.getvalue()

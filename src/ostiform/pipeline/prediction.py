@@ -16,8 +16,16 @@ from ostiform import __version__
 from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
-from ostiform.evaluation import ClinicalTable, clinical_measures, long_axes
-from ostiform.fitting import FitPrior, FitSettings, fit_prior, fit_shape
+from ostiform.evaluation import clinical_measures, long_axes
+from ostiform.exchange import write_shape_values_csv
+from ostiform.fitting import (
+    FitPrior,
+    FitSettings,
+    ShapeFit,
+    fit_prior,
+    fit_shape,
+    shape_deviations,
+)
 from ostiform.fitting.files import FileRules, read_targets
 from ostiform.model import (
     ENOUGH_SUBJECTS,
@@ -27,17 +35,21 @@ from ostiform.model import (
     StoredModel,
     dynamic_model_of,
     fit_cycle_predictor,
-    fitted_phase,
     predict_cycle,
     read_model,
     reconstruct,
 )
-from ostiform.pipeline.dynamics import clinical_text
 from ostiform.study import ShapeId
 from ostiform.surface import write_surface
 from ostiform.surface.files import read_mesh
 
-__all__ = ["Prediction", "predicted_cycle", "weak_prior_warning", "write_prediction"]
+__all__ = [
+    "Prediction",
+    "phase_of_fit",
+    "predicted_cycle",
+    "weak_prior_warning",
+    "write_prediction",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,11 +115,14 @@ def predicted_cycle(
         prior = fit_prior(stored) if prior is None else prior
         targets = read_targets(shape.split(","), stored.model.mesh.parts, rules, {})
         fit = fit_shape(prior, targets, FitSettings())
-        known = fitted_phase(stored.model, fit.scores, fit.score_covariance, float(time))
-        turned = known.rows @ fit.pose.matrix[:3, :3].T
-        phases.append(ObservedPhase(float(time), fit.points, turned))
+        phases.append(phase_of_fit(prior, fit, float(time)))
         sources.append(f"fitted, residue {fit.residues.to_model.mean:.2f} mm")
     return Prediction(stored, predictor, predict_cycle(predictor, phases, times), tuple(sources))
+
+
+def phase_of_fit(prior: FitPrior, fit: ShapeFit, time: float) -> ObservedPhase:
+    """Return the phase that a model was fitted to, in the frame of its data."""
+    return ObservedPhase(time, fit.points, shape_deviations(prior, fit))
 
 
 def weak_prior_warning(predictor: CyclePredictor) -> str | None:
@@ -135,12 +150,10 @@ def write_prediction(folder: Path, prediction: Prediction) -> dict[str, Any]:
         )
     training = reconstruct(model, prediction.stored.scores)
     found = clinical_measures(cycle.shapes, model.mesh, long_axes(training, model.mesh))
-    ids = tuple(ShapeId("predicted", f"{time:.4f}", float(time)) for time in cycle.times)
-    table = ClinicalTable(ids, tuple(found), np.stack(list(found.values()), axis=1))
-    with atomically(folder / "clinical.csv") as temporary:
-        temporary.write_text(clinical_text(table), encoding="utf-8")
+    ids = [ShapeId("predicted", f"{time:.4f}", float(time)) for time in cycle.times]
+    values = np.stack(list(found.values()), axis=1)
+    write_shape_values_csv(folder / "clinical.csv", ids, list(found), values)
     predictor = prediction.predictor
-    errors = predictor.left_out_errors[np.isfinite(predictor.left_out_errors)]
     facts: dict[str, Any] = {
         "schema": 1,
         "package_version": __version__,
@@ -149,7 +162,9 @@ def write_prediction(folder: Path, prediction: Prediction) -> dict[str, Any]:
         "times": cycle.times.tolist(),
         "training_subjects": len(predictor.model.subjects),
         "warning": weak_prior_warning(predictor),
-        "left_out_error_mm": float(errors.mean()),
+        "left_out_error_mm": float(np.nanmean(predictor.left_out_errors)),
+        "left_out_mean_motion_mm": float(np.nanmean(predictor.mean_motion_errors)),
+        "left_out_nearest_subject_mm": float(np.nanmean(predictor.nearest_subject_errors)),
         "mean_sd_mm": (np.sqrt(cycle.deviations**2 @ model.weights)).tolist(),
     }
     with atomically(folder / "prediction.json") as temporary:

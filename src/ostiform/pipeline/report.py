@@ -6,6 +6,7 @@ and the numbers behind two of them: ``volumes.csv`` (ml) and ``scores.csv`` (mm)
 
 import json
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -28,7 +29,7 @@ from ostiform.evaluation import (
     read_evaluation,
 )
 from ostiform.exchange import write_scores_csv, write_volumes_csv
-from ostiform.execution import Workers
+from ostiform.execution import Executor
 from ostiform.model import (
     StoredModel,
     read_correspondence,
@@ -67,6 +68,7 @@ from ostiform.report import (
     maps_section,
     modes_section,
     quality_section,
+    remove_stale_drawings,
     render_page,
     run_section,
     sampled_kinks,
@@ -90,6 +92,7 @@ RESULTS = {
     "dynamics.json": "who and when: the levels of the dynamic model",
     "dynamics.h5": "the dynamic model",
     "comparison.json": "the three models compared",
+    "evaluation.csv": "variance, generalisation and specificity by the number of modes",
     "figures": "every figure as SVG, PDF and PNG (300 dots per inch)",
     "animations": "modes and cycles as moving pictures",
 }
@@ -142,7 +145,7 @@ def report_run(
     _render(run.store, record, run.workers, run.tell)
 
 
-def report_again(output: Path, workers: Workers, tell: Tell) -> RunRecord:
+def report_again(output: Path, workers: Executor, tell: Tell) -> RunRecord:
     """Write the report of an output folder again, from what lies in it alone.
 
     Neither the study nor its meshes are needed.
@@ -163,7 +166,7 @@ def report_again(output: Path, workers: Workers, tell: Tell) -> RunRecord:
     return record
 
 
-def _render(store: Store, record: RunRecord, workers: Workers, tell: Tell) -> None:
+def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> None:
     tell(Progress("report", 0, 1))
     domain = domain_from_json(store.read_json("domain.json"))
     evaluations: dict[str, Evaluation] = {
@@ -205,7 +208,7 @@ def _render(store: Store, record: RunRecord, workers: Workers, tell: Tell) -> No
         ),
         sections=(
             viewer_section(stored, dynamic, residues),
-            modes_section(stored.model),
+            modes_section(stored.model, dynamic),
             evidence_section(evaluations, comparisons, intervals, _variance_errors(models)),
             quality_section(
                 stored, evaluations["optimal"], maps, residues, repairs, _failed(store, record)
@@ -242,7 +245,7 @@ def _render(store: Store, record: RunRecord, workers: Workers, tell: Tell) -> No
     tell(Progress("report", len(drawings) + 1, len(drawings) + 1))
 
 
-def _drawn(page: Page, store: Store, workers: Workers, tell: Tell) -> dict[str, Drawing]:
+def _drawn(page: Page, store: Store, workers: Executor, tell: Tell) -> dict[str, Drawing]:
     """Draw all pictures of a page and write their files."""
     pictures = [picture for section in page.sections for picture in section.pictures]
     folder = store.path("figures")
@@ -252,6 +255,7 @@ def _drawn(page: Page, store: Store, workers: Workers, tell: Tell) -> dict[str, 
         drawings[picture.name] = outcome.result
         save_drawing(outcome.result, picture.name, folder)
         tell(Progress("report", done, len(pictures) + 1, picture.name))
+    remove_stale_drawings(folder, drawings)
     return drawings
 
 
@@ -312,15 +316,15 @@ def _run_facts(
         "Versions and inputs": {
             "ostiform (model)": record.version,
             "ostiform (report)": __version__,
-            "python": platform.python_version(),
+            "python": f"{platform.python_version()} on {sys.platform} {platform.machine()}",
             **{name: version(name) for name in LIBRARIES},
             "study file": Path(record.study).name,
             "SHA-256 of the study file": record.study_sha256,
             "SHA-256 of model.h5": file_hash(store.path("model.h5")),
             "hash of all inputs of the base domain": record.domain_key,
             "hash of all inputs of the correspondence": record.correspondence_key,
-            "noise (mm)": f"{facts['noise_mm']:.3f}",
-            "l_cut (mm²)": f"{facts['l_cut_mm2']:.5f}",
+            "noise of the shapes (mm)": f"{facts['noise_mm']:.3f}",
+            "cut-off of the description length (mm²)": f"{facts['l_cut_mm2']:.5f}",
         },
         "Settings, defaults included": {
             **{name: json.dumps(value, ensure_ascii=False) for name, value in settings.items()},

@@ -11,7 +11,7 @@ import numpy as np
 
 from ostiform.domain import BaseDomain
 from ostiform.embedding import Embedding, EmbeddingState, paper_states
-from ostiform.execution import Workers
+from ostiform.execution import Executor
 from ostiform.pipeline.arrays_file import read_embeddings, write_embeddings
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.run import Ready
@@ -23,7 +23,7 @@ __all__ = ["map_records", "state_view"]
 PAPER_CHAIN = "paper-chain.npz"
 
 
-def map_records(store: Store, shapes: Iterable[Ready], workers: Workers) -> list[MapRecord]:
+def map_records(store: Store, shapes: Iterable[Ready], workers: Executor) -> list[MapRecord]:
     """Return what the report says about the maps of every shape, in their order."""
     tasks = [(store, shape) for shape in shapes]
     found: list[MapRecord | None] = [None] * len(tasks)

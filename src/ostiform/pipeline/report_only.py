@@ -17,7 +17,12 @@ NAMED = 3
 
 
 def report_study(
-    study_path: Path, output: Path, *, workers: int = 1, tell: Tell | None = None
+    study_path: Path,
+    output: Path,
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    tell: Tell | None = None,
 ) -> Summary:
     """Write the report of an output folder, from what lies in it if that is still true.
 
@@ -31,7 +36,9 @@ def report_study(
     output : Path
         Folder with the artifacts of a run.
     workers : int
-        Processes.
+        Processes of this machine.
+    scheduler : str, optional
+        As `build_study`, where something is built again.
     tell : callable, optional
         Takes the events of the run.
 
@@ -43,11 +50,11 @@ def report_study(
     watch: Tell = tell or _silent
     record = read_record(Store(output))
     if record is None:
-        return build_study(study_path, output, workers=workers, tell=watch)
+        return build_study(study_path, output, workers=workers, scheduler=scheduler, tell=watch)
     changed, gone = changed_inputs(record, study_path)
     if changed:
         watch(Note(f"changed since the last run: {_several(changed)}; building again"))
-        return build_study(study_path, output, workers=workers, tell=watch)
+        return build_study(study_path, output, workers=workers, scheduler=scheduler, tell=watch)
     if gone:
         watch(Note(f"gone since the last run: {_several(gone)}; the report shows that run"))
     with taken(output), Workers(workers) as pool:

@@ -4,7 +4,6 @@ Files of a test: ``summary.json``, ``points.csv``, ``effect.vtp``, the fitted sh
 ``fitted_VALUE.vtp``, ``report.html`` and its figures in ``figures/``.
 """
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ import numpy as np
 from ostiform import __version__
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.exchange import write_table
 from ostiform.model import ShapeModel, StoredModel, read_model
 from ostiform.pipeline.covariates import read_covariates
 from ostiform.report.effects import FOUND_LEVEL, effect_page
@@ -277,14 +277,11 @@ def _write_points(path: Path, effect: ShapeEffect, model: ShapeModel) -> None:
             points.family_p_value,
         ]
     )
-    with (
-        atomically(path) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        for number, (part, row) in enumerate(zip(model.mesh.part, numbers, strict=True)):
-            writer.writerow([number, model.mesh.parts[part], *(f"{value:.6g}" for value in row)])
+    rows = (
+        [number, model.mesh.parts[part], *map(float, row)]
+        for number, (part, row) in enumerate(zip(model.mesh.part, numbers, strict=True))
+    )
+    write_table(path, header, rows)
 
 
 def _subtitle(result: EffectResult) -> str:

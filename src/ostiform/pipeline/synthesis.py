@@ -1,6 +1,5 @@
 """New shapes from a model file: meshes and animations in a folder of their own."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +8,8 @@ from urllib.parse import quote
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.exchange import write_table
 from ostiform.model import (
     DynamicModel,
     ShapeModel,
@@ -171,7 +170,9 @@ def synthesized(
             title = name.removeprefix("cycle_") if name.startswith("cycle_") else name
             put_animation(name, cycle_animation(model, cycle, times, title))
             told(f"{name}.webp")
-    _write_scores(folder / "scores.csv", rows, len(model.modes))
+    columns = [f"mode{k + 1}_mm" for k in range(len(model.modes))]
+    lines = ([name, *map(float, scores)] for name, scores in rows)
+    write_table(folder / "scores.csv", ["shape", *columns], lines)
     return written
 
 
@@ -244,16 +245,6 @@ def _write_mesh(
         else:
             write_plain_mesh(path, shape, model.mesh.faces)
     return paths
-
-
-def _write_scores(path: Path, rows: Sequence[tuple[str, FloatArray]], n_modes: int) -> None:
-    with (
-        atomically(path) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["shape", *(f"mode{k + 1}_mm" for k in range(n_modes))])
-        writer.writerows([name, *(f"{score:.6g}" for score in scores)] for name, scores in rows)
 
 
 def _silent(_: Event) -> None:

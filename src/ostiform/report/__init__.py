@@ -10,6 +10,7 @@ from ostiform.report.html import (
     Section,
     Table,
     draw_picture,
+    remove_stale_drawings,
     render_page,
     save_drawing,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "maps_section",
     "modes_section",
     "quality_section",
+    "remove_stale_drawings",
     "render_page",
     "run_section",
     "sampled_kinks",

@@ -141,7 +141,7 @@ def gains_figure(gains: Mapping[str, GainPoint], differences: Mapping[str, Band]
         axes.set_ylim(len(gains) - 0.5, -0.5)
         axes.set_xlabel("gain in total variance (%)")
         axes.set_title("Compactness")
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, frameon=True)
         if differences:
             axes = grid[1]
             for kind, band in differences.items():
@@ -152,7 +152,7 @@ def gains_figure(gains: Mapping[str, GainPoint], differences: Mapping[str, Band]
             axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
             axes.set_title("Generalisation")
             axes.margins(y=0.3)
-            axes.legend(fontsize=8, loc="upper left")
+            axes.legend(fontsize=8, loc="best")
     return drawing
 
 
@@ -256,7 +256,6 @@ def volumes_figure(curves: Sequence[VolumeCurve]) -> Figure:
             axes.set_xlabel("time (fraction of the cycle)")
             axes.set_ylabel("volume (ml)")
             axes.set_ylim(bottom=0.0)
-            axes.set_xlim(left=0.0)
         if len(subjects) <= LABELLED_SUBJECTS:
             handles, labels = grid[0].get_legend_handles_labels()
             drawing.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))

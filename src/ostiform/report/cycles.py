@@ -2,11 +2,19 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ostiform.arrays import FloatArray
 from ostiform.evaluation import LEVELS, ClinicalTable, DynamicEvaluation
 from ostiform.report.html import Picture, Section, Table
-from ostiform.report.style import SUBJECT_COLOURS, figure, percent, styled
+from ostiform.report.style import (
+    MARKERS,
+    SUBJECT_COLOURS,
+    figure,
+    percent,
+    shortened,
+    styled,
+)
 
 __all__ = ["clinical_figure", "clinical_section", "cycles_section", "levels_figure"]
 
@@ -20,9 +28,26 @@ MODES_DRAWN = 8
 CURVES_NAMED = 8
 """More subjects than this share one colour."""
 
+SAME_AREA = 1e-9
+"""Rounding of the area of a rim that is followed from another point, relative to the area."""
+
 MEASURES = {
     "long_axis_shortening_percent": "long-axis shortening (%)",
     "twist_deg": "twist (degrees)",
+}
+SIZES = {
+    "_volume_ml": "volume (ml)",
+    "_long_axis_mm": "long axis (mm)",
+    "_area_mm2": "area (mm²)",
+    "_diameter_max_mm": "largest diameter (mm)",
+    "_diameter_min_mm": "smallest diameter (mm)",
+}
+SIZES_SHOWN = 6
+
+HEADINGS = {
+    "_ejection_fraction_percent": "ejection fraction (%)",
+    "_long_axis_shortening_percent": "long-axis shortening (%)",
+    "_twist_deg": "twist (deg)",
 }
 
 
@@ -60,7 +85,8 @@ def cycles_section(evaluation: DynamicEvaluation | None) -> Section:
             Picture(
                 "levels",
                 levels_figure(evaluation),
-                "Compactness, left-out residue and specificity of every level.",
+                "Cumulative variance, left-out residue and specificity of every level by the "
+                "number of its modes; 0 is the mean alone.",
                 "Curves over the number of modes, one per level.",
             ),
         ),
@@ -70,12 +96,9 @@ def cycles_section(evaluation: DynamicEvaluation | None) -> Section:
 
 def levels_figure(evaluation: DynamicEvaluation) -> Figure:
     """Draw compactness, generalisation and specificity of the levels of a dynamic model."""
-    curves: dict[str, dict[str, tuple[FloatArray, FloatArray]]] = {
-        "cumulative variance (mm² per point)": {},
-        "residue, left out (mm)": {},
-        "distance to the nearest (mm)": {},
-    }
-    variance, residue, distance = curves.values()
+    variance: dict[str, tuple[FloatArray, FloatArray]] = {}
+    residue: dict[str, tuple[FloatArray, FloatArray]] = {}
+    distance: dict[str, tuple[FloatArray, FloatArray]] = {}
     for name in LEVELS:
         cumulative = np.concatenate([[0.0], np.cumsum(evaluation.level(name).variances)])
         variance[name] = np.arange(float(len(cumulative))), cumulative
@@ -85,11 +108,16 @@ def levels_figure(evaluation: DynamicEvaluation) -> Figure:
         if name in evaluation.specificity:
             found = evaluation.specificity[name]
             distance[name] = found.mode_counts.astype(np.float64), found.mean
-    drawn = {label: lines for label, lines in curves.items() if lines}
+    panels = [
+        ("Compactness", "variance (mm² per point)", variance),
+        ("Generalisation", "left-out residue (mm)", residue),
+        ("Specificity", "distance to nearest (mm)", distance),
+    ]
+    drawn = [panel for panel in panels if panel[2]]
     with styled():
         drawing = figure(63.0 * len(drawn), 72.0)
         grid = drawing.subplots(1, len(drawn), squeeze=False)[0]
-        for axes, (label, lines) in zip(grid, drawn.items(), strict=True):
+        for axes, (title, label, lines) in zip(grid, drawn, strict=True):
             for name, (modes, values) in lines.items():
                 shown = modes <= MODES_DRAWN
                 axes.plot(
@@ -100,11 +128,15 @@ def levels_figure(evaluation: DynamicEvaluation) -> Figure:
                     marker=".",
                     label=LEVEL_NAMES[name],
                 )
+            axes.set_title(title)
             axes.set_xlabel("modes")
             axes.set_ylabel(label)
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
             axes.set_ylim(bottom=0.0)
         handles, labels = grid[0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside upper center", ncols=4)
+        drawing.legend(
+            handles, labels, loc="outside upper center", ncols=4 if len(drawn) > 2 else 2
+        )
     return drawing
 
 
@@ -116,9 +148,12 @@ def clinical_section(table: ClinicalTable) -> Section:
             "clinical",
             "Openings, long axis and twist",
             (
-                "The file clinical.csv holds the sizes of all openings; every subject has one "
-                "phase, so there is no shortening, twist or ejection to show.",
+                "Sizes of the shapes as sampled by the model. The file clinical.csv holds them for "
+                "every shape; every subject has one phase, so there is no shortening, twist or "
+                "ejection to show.",
             ),
+            (),
+            (_sizes_table(table),),
         )
     return Section(
         "clinical",
@@ -133,11 +168,13 @@ def clinical_section(table: ClinicalTable) -> Section:
             Picture(
                 "clinical",
                 clinical_figure(table),
-                "Shortening, twist and area of the openings over the cycle, one line per subject.",
+                "Shortening, twist and area of the widest opening over the cycle (one that two "
+                "parts share is drawn once), one line per subject; the first phase is repeated at "
+                "the end.",
                 "Closed curves against time, a row of panels per part.",
             ),
         ),
-        (_clinical_table(table),),
+        (_clinical_table(table), _sizes_table(table)),
     )
 
 
@@ -163,8 +200,9 @@ def clinical_figure(table: ClinicalTable) -> Figure:
                         np.append(values[own], values[own[0]]),
                         color=colour if len(names) <= CURVES_NAMED else SUBJECT_COLOURS[0],
                         linewidth=1.1 if len(names) <= CURVES_NAMED else 0.6,
-                        marker="." if len(names) <= CURVES_NAMED else "",
-                        label=name,
+                        marker=MARKERS[index % len(MARKERS)] if len(names) <= CURVES_NAMED else "",
+                        markersize=3.5,
+                        label=shortened(name),
                     )
                 axes.set_title(label, fontsize=9)
                 axes.set_xlabel("time (fraction of the cycle)")
@@ -172,13 +210,14 @@ def clinical_figure(table: ClinicalTable) -> Figure:
                 axes.set_axis_off()
         if len(names) <= CURVES_NAMED:
             handles, labels = grid[0][0].get_legend_handles_labels()
-            drawing.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+            drawing.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
     return drawing
 
 
 def _panels(table: ClinicalTable) -> list[list[tuple[str, str]]]:
     parts = [name.removesuffix("_volume_ml") for name in table.columns if name.endswith("_ml")]
     panels = []
+    drawn_areas: list[str] = []  # an opening that two parts share is drawn once
     for part in parts:
         shown = [
             (f"{part}_{suffix}", f"{part}: {label}")
@@ -186,8 +225,10 @@ def _panels(table: ClinicalTable) -> list[list[tuple[str, str]]]:
             if f"{part}_{suffix}" in table.columns
         ]
         areas = [n for n in table.columns if n.startswith(f"{part}_") and n.endswith("_area_mm2")]
+        areas = [n for n in areas if not any(_is_same(table, n, m) for m in drawn_areas)]
         if areas:
             widest = max(areas, key=lambda name: float(table.column(name).mean()))
+            drawn_areas.append(widest)
             opening = widest.removesuffix("_area_mm2").replace("_", ".", 1)
             shown.append((widest, f"{opening}: area (mm²)"))
         if shown:
@@ -195,13 +236,14 @@ def _panels(table: ClinicalTable) -> list[list[tuple[str, str]]]:
     return panels or [[(name, name) for name in table.columns[:1]]]
 
 
+def _is_same(table: ClinicalTable, first: str, second: str) -> bool:
+    one, other = table.column(first), table.column(second)
+    return bool(np.abs(one - other).max() <= SAME_AREA * np.abs(one).max())
+
+
 def _clinical_table(table: ClinicalTable) -> Table:
     subjects = np.array([id.subject for id in table.ids])
-    shown = [
-        name
-        for name in table.columns
-        if name.endswith(("ejection_fraction_percent", "shortening_percent", "twist_deg"))
-    ]
+    shown = [name for name in table.columns if name.endswith(tuple(HEADINGS))]
     rows = []
     for subject in dict.fromkeys(subjects.tolist()):
         own = subjects == subject
@@ -210,8 +252,53 @@ def _clinical_table(table: ClinicalTable) -> Table:
             values = table.column(name)[own]
             cells.append(f"{values[np.abs(values).argmax()]:.1f}".replace("-", "\N{MINUS SIGN}"))
         rows.append((str(subject), *cells))
-    header = tuple(name.replace("_", " ").replace("percent", "(%)") for name in shown)
-    return Table("Largest over the cycle", ("subject", *header), tuple(rows))
+    return Table(
+        "Largest over the cycle", ("subject", *(_heading(name) for name in shown)), tuple(rows)
+    )
+
+
+def _sizes_table(table: ClinicalTable) -> Table:
+    """Mean, spread and extremes of every size over the shapes."""
+    rows = []
+    for column in table.columns:
+        name = _size_name(table, column)
+        if name is None:
+            continue
+        values = table.column(column)
+        low, high = int(values.argmin()), int(values.argmax())
+        rows.append(
+            (
+                name,
+                f"{values.mean():.1f}",
+                f"{values.std(ddof=1):.1f}" if len(values) > 1 else "",
+                f"{values[low]:.1f} ({table.ids[low]})",
+                f"{values[high]:.1f} ({table.ids[high]})",
+            )
+        )
+    return Table(
+        "Sizes over all shapes",
+        ("size", "mean", "sd", "smallest (shape)", "largest (shape)"),
+        tuple(rows),
+        rows_shown=SIZES_SHOWN,
+    )
+
+
+def _size_name(table: ClinicalTable, column: str) -> str | None:
+    """Return ``LA.RSPV area (mm²)`` for ``LA_RSPV_area_mm2``; None for what is no size."""
+    for suffix, text in SIZES.items():
+        if column.endswith(suffix):
+            owner = column.removesuffix(suffix)
+            of_part = f"{owner}_volume_ml" in table.columns
+            return f"{owner if of_part else owner.replace('_', '.', 1)} {text}"
+    return None
+
+
+def _heading(column: str) -> str:
+    """Return a column of ``clinical.csv`` as the head of a table: ``LV twist (deg)``."""
+    for suffix, text in HEADINGS.items():
+        if column.endswith(suffix):
+            return f"{column.removesuffix(suffix)} {text}"
+    return column
 
 
 def _levels_table(evaluation: DynamicEvaluation) -> Table:

@@ -20,6 +20,7 @@ from ostiform.report.style import KIND_NAMES, percent
 __all__ = ["evidence_section", "headline", "headline_table"]
 
 CONFIDENCE = 0.95
+TOO_FEW = "Fewer than three subjects: there are no intervals over subjects."
 
 
 def headline(
@@ -33,7 +34,7 @@ def headline(
     n_certified, n_shapes : int
         Shapes whose maps are certified, and shapes of the study.
     seconds : float
-        Wall time of all stages.
+        Wall time of the stages before the report.
     """
     optimal = evaluations["optimal"]
     subjects = len({shape.subject for shape in optimal.ids})
@@ -64,9 +65,9 @@ def headline(
     worst = max(range(len(optimal.ids)), key=lambda i: optimal.coverage[i].relative_maximum)
     facts.append(
         Fact(
-            "furthest from the sampled surface",
+            "surface missed by the points, at most",
             f"{100 * optimal.coverage[worst].relative_maximum:.2f} %",
-            note=f"of the diameter; shape {optimal.ids[worst]}",
+            note=f"of the diameter of shape {optimal.ids[worst]}",
         )
     )
     if optimal.truth is not None:
@@ -74,10 +75,10 @@ def headline(
             Fact(
                 "distance to the true correspondence",
                 f"{optimal.truth.mean:.2f} mm",
-                note=f"mean; 95 % below {optimal.truth.p95:.2f} mm",
+                note=f"mean; 95 % below {optimal.truth.p95:.2f} mm (known, as the shapes are made)",
             )
         )
-    facts.append(Fact("time", _duration(seconds), note="wall time of all stages"))
+    facts.append(Fact("time", _duration(seconds), note="all stages before this report"))
     return tuple(facts)
 
 
@@ -178,6 +179,7 @@ def evidence_section(
     variance_errors : mapping of kind to (K,) float64, mm^2
         Half-width of the interval of each cumulative variance.
     """
+    has_intervals = len({shape.subject for shape in evaluations["optimal"].ids}) > 2
     pictures = [
         Picture(
             "evidence",
@@ -205,9 +207,13 @@ def evidence_section(
                 },
             ),
             "Analysis of variance, leave-one-subject-out residue (mean surface distance, both "
-            "ways) and specificity of the three models (compare Fig. 4 of the paper). Bands: 95 % "
-            "intervals over subjects, by the jackknife for the variance and t for the residue; "
-            "sampling error for the specificity.",
+            "ways) and specificity of the three models (compare Fig. 4 of the paper). "
+            + (
+                "Bands: 95 % intervals over subjects, by the jackknife for the variance and t for "
+                "the residue; sampling error for the specificity."
+                if has_intervals
+                else f"{TOO_FEW} The bands of the specificity are its sampling error."
+            ),
             "Curves over the number of modes for the conformal, minimum Euclidean and optimal "
             "model; the same numbers are in the tables below.",
         ),
@@ -231,7 +237,29 @@ def evidence_section(
             *([_residue_table(evaluations)] if some is not None else []),
             _gain_table(comparisons, intervals),
         ),
+        notes=(_definitions(evaluations, comparisons),),
     )
+
+
+def _definitions(evaluations: Mapping[str, Evaluation], comparisons: Sequence[Comparison]) -> str:
+    """What the columns of the tables are."""
+    said = [
+        "Coverage is the distance from a shape's own mesh to its sampled surface "
+        "that 95 % of the mesh stay below, for the worst shape; the smallest area share ratio is "
+        "the least area that a point still stands for, against what it stood for before the "
+        "warps (well below 0.2: points have left a region)"
+    ]
+    if any(item.residues is not None for item in comparisons):
+        said.append(
+            "the worst residue ratio is the largest quotient of residues, optimal over other, at "
+            "any number of modes (above 1: somewhere the optimal model is worse)"
+        )
+    if any(item.truth is not None for item in evaluations.values()):
+        said.append(
+            "the true correspondence is known for generated shapes, and the last columns say how "
+            "far points lie from where they belong"
+        )
+    return "; ".join(said) + "."
 
 
 def _gains_picture(
@@ -260,8 +288,13 @@ def _gains_picture(
         "gains",
         gains_figure(gains, differences),
         "What the optimal model gains over the other two, shape by shape on the same subjects. "
-        "Bars and bands: 95 % intervals over subjects; where they stay above zero the gain is more "
-        "than chance. Crosses: what the paper reports for its data.",
+        + (
+            "Bars and bands: 95 % intervals over subjects; where they stay above zero the gain is "
+            "more than chance."
+            if intervals
+            else TOO_FEW
+        )
+        + " Crosses: what the paper reports for its data.",
         "Gains in variance with intervals, and the difference of the left-out residues over the "
         "number of modes; the same numbers are in the tables.",
     )
@@ -283,13 +316,18 @@ def _model_table(evaluations: Mapping[str, Evaluation]) -> Table:
     rows = []
     for kind, item in evaluations.items():
         truth = [] if item.truth is None else [f"{item.truth.mean:.2f} / {item.truth.p95:.2f}"]
+        spread, surface = item.spread, item.surface_specificity
         rows.append(
             (
                 KIND_NAMES[kind],
                 f"{item.compactness.total:.2f}",
+                ""
+                if spread is None
+                else f"{spread.variance.normal:.2f} / {spread.variance.tangential:.2f}",
                 str(item.compactness.modes_for(0.95)),
                 f"{item.description_length:.2f}",
                 f"{item.specificity.mean[-1]:.2f}",
+                "" if surface is None else f"{surface.mean:.2f}",
                 f"{max(c.p95 for c in item.coverage):.2f}",
                 f"{min(c.smallest_share_ratio for c in item.coverage):.2f}",
                 *truth,
@@ -301,9 +339,11 @@ def _model_table(evaluations: Mapping[str, Evaluation]) -> Table:
         (
             "model",
             "total variance (mm²)",
+            "across / along the surface (mm²)",
             "modes for 95 %",
             "description length",
-            "specificity (mm)",
+            "specificity to points (mm)",
+            "to the surface (mm)",
             "coverage, worst 95 % (mm)",
             "smallest area share ratio",
             *(["true correspondence, mean / 95 % (mm)"] if is_known else []),
@@ -330,9 +370,10 @@ def _residue_table(evaluations: Mapping[str, Evaluation]) -> Table:
 
 def _gain_table(comparisons: Sequence[Comparison], intervals: Mapping[str, GainInterval]) -> Table:
     rows = []
+    measured = [item.residues for item in comparisons if item.residues is not None]
     for item in comparisons:
         paper = "" if item.paper_gain is None else f"{100 * item.paper_gain:.0f} %"
-        difference, worst = "", ""
+        residue: list[str] = ["", ""] if measured else []
         if item.residues is not None:
             paired = item.residues.surface_over_modes
             interval = (
@@ -340,8 +381,7 @@ def _gain_table(comparisons: Sequence[Comparison], intervals: Mapping[str, GainI
                 if paired.low is None or paired.high is None
                 else f" ({_signed(paired.low)} to {_signed(paired.high)})"
             )
-            difference = f"{_signed(paired.mean)}{interval}"
-            worst = f"{item.residues.worst_ratio:.3f}"
+            residue = [f"{_signed(paired.mean)}{interval}", f"{item.residues.worst_ratio:.3f}"]
         truth = item.truth_ratio.get("all")
         rows.append(
             (
@@ -349,8 +389,7 @@ def _gain_table(comparisons: Sequence[Comparison], intervals: Mapping[str, GainI
                 f"{percent(item.variance_gain)} %{_interval_text(intervals.get(item.other))}",
                 paper,
                 _signed(item.description_length_difference, 2),
-                difference,
-                worst,
+                *residue,
                 *([] if truth is None else [f"{truth:.3f}"]),
             )
         )
@@ -361,8 +400,14 @@ def _gain_table(comparisons: Sequence[Comparison], intervals: Mapping[str, GainI
             "variance gain (95 % interval)",
             "in the paper",
             "description length",
-            "residue, 1 to 10 modes (mm, 95 % interval)",
-            "worst residue ratio",
+            *(
+                [
+                    f"residue, 1 to {max(measured[0].surface)} modes (mm, 95 % interval)",
+                    "worst residue ratio",
+                ]
+                if measured
+                else []
+            ),
             *(["distance to truth, ratio"] if any(c.truth_ratio for c in comparisons) else []),
         ),
         tuple(rows),

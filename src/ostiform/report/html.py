@@ -10,7 +10,7 @@ import hashlib
 import io
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -31,6 +31,7 @@ __all__ = [
     "Section",
     "Table",
     "draw_picture",
+    "remove_stale_drawings",
     "render_page",
     "save_drawing",
 ]
@@ -55,6 +56,15 @@ WIDE = 544
 
 ROWS_SHOWN = 10
 """Rows of a table before the rest is folded away."""
+
+FIGURE_NAMES = re.compile(
+    r"points|mode\d+|between1|motion1|evidence|gains|flagged\d+|left-out|scores|levels|volumes"
+    r"|clinical|maps-paper|maps|distortion|seams|convergence"
+)
+"""Every name that a picture of a report of a study can have."""
+
+FEWEST_FOLDED = 5
+"""Fewer rows than this are shown with the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +127,13 @@ class Table:
     rows_shown: int = ROWS_SHOWN
     texts: tuple[int, ...] = ()
 
+    @property
+    def rows_in_view(self) -> int:
+        """Rows that are not folded away."""
+        if 0 < self.rows_shown < len(self.rows) < self.rows_shown + FEWEST_FOLDED:
+            return len(self.rows)
+        return min(self.rows_shown, len(self.rows))
+
 
 @dataclass(frozen=True, slots=True)
 class Fact:
@@ -142,6 +159,8 @@ class Section:
         What the interactive viewer shows, as JSON; at most one section of a page has it.
     fallback : str or None
         Anchor of the section with the pictures that stand in for the viewer.
+    notes : tuple of str
+        Paragraphs between the pictures and the tables.
     """
 
     anchor: str
@@ -151,6 +170,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     viewer: str | None = None
     fallback: str | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,6 +207,17 @@ def save_drawing(drawing: Drawing, name: str, folder: Path) -> None:
     for suffix in ("svg", "pdf", "png"):
         with atomically(folder / f"{name}.{suffix}") as temporary:
             temporary.write_bytes(getattr(drawing, suffix))
+
+
+def remove_stale_drawings(folder: Path, names: Collection[str]) -> None:
+    """Remove the drawings of earlier reports that are not among the names of this one.
+
+    Only files with names that reports give are removed (`FIGURE_NAMES`).
+    """
+    for suffix in ("svg", "pdf", "png"):
+        for path in folder.glob(f"*.{suffix}"):
+            if path.stem not in names and FIGURE_NAMES.fullmatch(path.stem):
+                path.unlink()
 
 
 def render_page(page: Page, drawings: Mapping[str, Drawing] | None = None) -> str:

@@ -292,6 +292,7 @@ def _quality_table(shapes: Sequence[MapRecord]) -> Table:
             "time (s)",
         ),
         tuple(row for _, row in rows),
+        texts=(1,),
     )
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
@@ -15,12 +16,21 @@ from ostiform.report.shading import (
     shaded_surface,
     two_views,
 )
-from ostiform.report.style import PRINT_DPI, grid_of_panels, part_colours, plain_figure, styled
+from ostiform.report.style import (
+    PART_COLOURS,
+    PRINT_DPI,
+    grid_of_panels,
+    part_colours,
+    plain_figure,
+    shortened,
+    styled,
+)
 
 __all__ = ["extents_of", "model_views", "modes_figure"]
 
 PANEL_MM = 36.0
 TITLE_MM = 6.0
+LEGEND_MM = 6.0
 TALLEST = 1.6
 """Height of a panel against its width, at most."""
 
@@ -46,6 +56,8 @@ def modes_figure(
 ) -> Figure:
     """Draw the mean displaced along one mode, seen from two sides (HY Fig. 3).
 
+    Where there are several parts, a legend below names their colours.
+
     Parameters
     ----------
     model : ShapeModel
@@ -61,9 +73,24 @@ def modes_figure(
     extents = extents_of(views, shapes)
     sides = extents[:, 1::2] - extents[:, ::2]  # (views, 2): all panels have the same scale
     height = PANEL_MM * float(sides[0, 1] / sides[0, 0])
+    parts = _parts(model)
+    below = LEGEND_MM if len(parts) > 1 else 0.0
     with styled():
-        drawing = plain_figure(PANEL_MM * len(deviations), 2 * height + TITLE_MM)
-        grid = grid_of_panels(drawing, len(views), len(deviations), PANEL_MM, height, TITLE_MM)
+        drawing = plain_figure(PANEL_MM * len(deviations), 2 * height + TITLE_MM + below)
+        grid = grid_of_panels(
+            drawing, len(views), len(deviations), PANEL_MM, height, TITLE_MM, bottom_mm=below
+        )
+        if below:
+            patches = [
+                Patch(
+                    color=PART_COLOURS[index % len(PART_COLOURS)],
+                    label=shortened(model.mesh.parts[index]),
+                )
+                for index in parts
+            ]
+            drawing.legend(
+                handles=patches, loc="lower center", ncols=len(parts), borderaxespad=0.2, fontsize=8
+            )
         size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
         for row, view in enumerate(views):
             for column, (sd, points) in enumerate(zip(deviations, shapes, strict=True)):

@@ -24,29 +24,52 @@ __all__ = ["correspondence_section", "modes_section", "scores_section", "templat
 MODES_SHOWN = 3
 
 
-def modes_section(model: ShapeModel) -> Section:
-    """Return the mean shape and its first modes (HY Fig. 3)."""
-    share = model.variances / model.total_variance
-    shown = range(min(MODES_SHOWN, len(model.variances)))
-    return Section(
-        "modes",
-        "Modes of variation",
-        (
-            "The mean displaced by \N{MINUS SIGN}3 to +3 standard deviations along each mode, from "
-            "two sides (compare Fig. 3 of the paper). Dark lines are the openings.",
-        ),
-        tuple(
-            Picture(
-                f"mode{mode + 1}",
-                modes_figure(model, mode),
-                f"Mode {mode + 1}: {100 * share[mode]:.1f} % of the variance, standard deviation "
-                f"{np.sqrt(model.variances[mode]):.2f} mm per point.",
-                f"Five shaded surfaces in two rows: the mean shape and its displacement along "
-                f"mode {mode + 1}.",
-                is_vector=False,
-            )
-            for mode in shown
-        ),
+def modes_section(model: ShapeModel, dynamic: DynamicModel | None = None) -> Section:
+    """Return the mean shape and its first modes (HY Fig. 3).
+
+    Parameters
+    ----------
+    model : ShapeModel
+    dynamic : DynamicModel or None
+        Of the same shapes: its first mode between subjects and its first of the motion are drawn
+        too.
+    """
+    pictures = [
+        _mode_picture(model, mode, f"mode{mode + 1}", f"Mode {mode + 1}", "the variance")
+        for mode in range(min(MODES_SHOWN, len(model.variances)))
+    ]
+    text = (
+        "The mean displaced by \N{MINUS SIGN}3 to +3 standard deviations along each mode, from two "
+        "sides (compare Fig. 3 of the paper). Dark lines are the openings and seams."
+    )
+    if dynamic is not None:
+        levels = [
+            (
+                dynamic.between,
+                "between1",
+                "First mode between subjects",
+                "the variance between subjects",
+            ),
+            (dynamic.within, "motion1", "First mode of the motion", "the variance of the motion"),
+        ]
+        levels = [level for level in levels if len(level[0].variances)]
+        pictures += [_mode_picture(part, 0, *names) for part, *names in levels]
+        text += (
+            " These modes mix how subjects differ with how they move; the last pictures show the "
+            "one without the other."
+        )
+    return Section("modes", "Modes of variation", (text,), tuple(pictures))
+
+
+def _mode_picture(model: ShapeModel, mode: int, name: str, title: str, whole: str) -> Picture:
+    share = model.variances[mode] / model.total_variance
+    return Picture(
+        name,
+        modes_figure(model, mode),
+        f"{title}: {100 * share:.1f} % of {whole}, standard deviation "
+        f"{np.sqrt(model.variances[mode]):.2f} mm per point.",
+        f"Five shaded surfaces in two rows: the mean shape and its displacement. {title}.",
+        is_vector=False,
     )
 
 
@@ -72,7 +95,7 @@ def scores_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section
             Picture(
                 "scores",
                 scores_figure(standard, subjects, times, share),
-                "Scores of the first two modes"
+                ("Scores of the first two modes" if len(share) > 1 else "Scores of the mode")
                 + (
                     "."
                     if dynamic is None
@@ -121,9 +144,10 @@ def template_section(correspondence: Correspondence, evaluation: Evaluation) -> 
         "template",
         "Template",
         (
-            f"{len(template.points)} points and {len(template.faces)} triangles, "
-            f"{len(template.levels)} coarser levels. The surface of shape "
-            f"{evaluation.ids[worst]} is covered worst: its furthest vertex lies "
+            f"The points of the model: {len(template.points)} points and {len(template.faces)} "
+            f"triangles, with {len(template.levels)} coarser levels that the optimisation starts "
+            f"on. The surface of shape {evaluation.ids[worst]} is covered worst: the vertex of its "
+            "mesh that the points come least near to lies "
             f"{item.maximum:.2f} mm from the sampled surface, "
             f"{100 * item.relative_maximum:.2f} % of its diameter.",
         ),

@@ -36,7 +36,7 @@ def run_section(
     ]
     if seconds:
         rows = [(stage, f"{value:.1f}") for stage, value in seconds.items()]
-        rows.append(("all", f"{sum(seconds.values()):.1f}"))
+        rows.append(("together, before this report", f"{sum(seconds.values()):.1f}"))
         tables.append(Table("Wall time of the stages (s)", ("stage", "time"), tuple(rows)))
     tables.append(
         Table(

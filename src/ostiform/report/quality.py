@@ -118,7 +118,8 @@ def quality_section(
         f"{len(flagged)} of {len(labels)} shapes stand out. A shape is flagged where a number lies "
         f"more than {FLAGGED_ABOVE} robust standard deviations above the median of the population, "
         f"or where its smallest area share ratio is below {LEAST_AREA_SHARE}. A flag asks for a "
-        "look, not for removal: the hearts that differ most are flagged too."
+        "look, not for removal: the hearts that differ most are flagged too. Twist is the angle by "
+        "which a tube (a vein, an outflow tract) is turned on its way to its circle."
     )
     return Section(
         "shapes",
@@ -187,7 +188,7 @@ def _measures(
             float(np.degrees(1.0)),
         ),
         _Measure(
-            "furthest from the sampled surface (% of the diameter)",
+            "surface missed by the points, at most (% of the diameter)",
             "badly covered",
             np.array([item.relative_maximum for item in evaluation.coverage]),
             2,

@@ -79,8 +79,12 @@ def _points_picture(
 ) -> Picture:
     spreads = {"sd, all shapes": point_spread(model)}
     if dynamic is not None:
-        spreads["sd between subjects"] = point_spread(dynamic.between)
-        spreads["sd of the motion"] = point_spread(dynamic.within)
+        for title, level in (
+            ("sd between subjects", dynamic.between),
+            ("sd of the motion", dynamic.within),
+        ):
+            if len(level.modes):
+                spreads[title] = point_spread(level)
     largest = max(float(values.max()) for values in spreads.values())
     columns = [PointColumn(title, values, largest) for title, values in spreads.items()]
     error = ""
@@ -180,7 +184,7 @@ def _mode_sets(
         modes = [
             {
                 "sd": round(float(np.sqrt(model.variances[k])), 4),
-                "share": round(float(model.variances[k]) / variance, 4),
+                "share": round(float(model.variances[k]) / variance, 6),
                 "coefficients": _coefficients(
                     basis, basis.mean + np.sqrt(model.variances[k]) * model.modes[k]
                 ),

@@ -60,7 +60,8 @@ def _curve_table(curves: Sequence[VolumeCurve]) -> Table:
         for curve in curves
     ]
     return Table(
-        "Ejection fractions: (largest - smallest volume) / largest volume",
+        "Ejection fractions, of the phases in the model: (largest \N{MINUS SIGN} smallest volume) "
+        "/ largest volume",
         (
             "subject",
             "part",
@@ -71,6 +72,7 @@ def _curve_table(curves: Sequence[VolumeCurve]) -> Table:
             "ejection fraction",
         ),
         tuple(rows),
+        texts=(1,),
     )
 
 
