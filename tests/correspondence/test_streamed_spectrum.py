@@ -1,5 +1,7 @@
 """The strong part of a spectrum from a stream agrees with the exact decomposition."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,7 @@ def test_one_shape_is_refused(rng):
 
 def test_eigenvalues_that_do_not_settle_are_an_error(monkeypatch, shapes):
     aligned, weights = shapes
-    monkeypatch.setattr("ostiform.correspondence.streamed_spectrum.MOST_PASSES", 2)
+    module = import_module("ostiform.correspondence.streamed_spectrum")
+    monkeypatch.setattr(module, "MOST_PASSES", 2)
     with pytest.raises(ConvergenceError, match="within 2 passes"):
         streamed_spectrum(in_chunks(aligned, 50), weights, 1e-3, np.random.default_rng(0))

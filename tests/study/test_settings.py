@@ -86,6 +86,7 @@ def test_a_minimal_study_takes_the_defaults():
         "modes": 10,
         "specificity_samples": 1000,
         "truth": None,
+        "collapse": "stop",
     }
 
 

@@ -12,7 +12,7 @@ from ostiform.evaluation.classical import FEWEST_SHAPES, classical_measures
 from ostiform.evaluation.compactness import model_compactness
 from ostiform.evaluation.coverage import shape_coverage
 from ostiform.evaluation.generalisation import Generalisation, OriginalMesh
-from ostiform.evaluation.specificity import model_specificity
+from ostiform.evaluation.specificity import N_SAMPLES, model_specificity
 from ostiform.evaluation.surface_specificity import surface_specificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.types import Evaluation
@@ -31,6 +31,8 @@ def evaluate_model(
     seed: int,
     generalisation: Generalisation | None = None,
     truth: TruthDistance | None = None,
+    *,
+    samples: int = N_SAMPLES,
 ) -> Evaluation:
     """Gather the evidence about one model; what takes long is computed before and passed in.
 
@@ -50,6 +52,8 @@ def evaluate_model(
         For the random shapes of the specificity: the same for the models of a comparison.
     generalisation : Generalisation, optional
     truth : TruthDistance, optional
+    samples : int
+        Random shapes of the specificity to points.
 
     Raises
     ------
@@ -69,7 +73,9 @@ def evaluate_model(
         compactness=model_compactness(model),
         description_length=description_length(correspondence.aligned, model.weights, l_cut),
         l_cut=l_cut,
-        specificity=model_specificity(model, correspondence.aligned, np.random.default_rng(seed)),
+        specificity=model_specificity(
+            model, correspondence.aligned, np.random.default_rng(seed), samples
+        ),
         coverage=tuple(
             shape_coverage(original, points, initial_points, correspondence.template.faces)
             for original, points, initial_points in zip(
@@ -93,7 +99,9 @@ def evaluate_model(
         ),
         classical=None
         if len(correspondence.ids) < FEWEST_SHAPES
-        else classical_measures(correspondence.aligned, np.random.default_rng(seed)),
+        else classical_measures(
+            correspondence.aligned, np.random.default_rng(seed), n_samples=samples
+        ),
     )
 
 

@@ -314,6 +314,7 @@ def _evaluated(task: _KindTask) -> Evaluation:
         task.study.settings.seed,
         task.generalisation,
         _truth_distance(task.study, correspondence),
+        samples=task.study.settings.evaluation.specificity_samples,
     )
 
 
