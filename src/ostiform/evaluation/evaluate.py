@@ -22,7 +22,7 @@ from ostiform.model import ShapeModel
 __all__ = ["evaluate_model"]
 
 
-def evaluate_model(
+def evaluate_model(  # noqa: PLR0913 (evidence of many kinds is gathered)
     kind: str,
     model: ShapeModel,
     shapes: tuple[Correspondence, Correspondence],
