@@ -142,7 +142,7 @@ def volumes(results: Results) -> Figure:
 
 
 def convergence(results: Results) -> Figure:
-    """Draw the objective of the correspondence against processor time, one colour per level.
+    """Draw the objective of the correspondence against time, one colour per level.
 
     Raises
     ------

@@ -4,6 +4,7 @@ Artifacts: ``unfinished/NAME.sampler``, one per shape, while stages that sample 
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -134,6 +135,8 @@ def remove_samplers(store: Store) -> None:
     """Remove the files of all shapes: no stage needs them any more."""
     for path in store.path(FOLDER).glob(f"*{SUFFIX}"):
         store.remove(f"{FOLDER}/{path.name}")
+    with suppress(OSError):  # not there, or not empty: other sweeps are unfinished
+        store.path(FOLDER).rmdir()
 
 
 def chunk_size(n_shapes: int, n_workers: int) -> int:

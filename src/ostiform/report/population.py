@@ -195,7 +195,7 @@ def correspondence_section(
                     "objective",
                 ),
                 "Objective (description length, coherence and penalty) after every sweep over all "
-                "shapes, against processor time. Compare it within a level only: each level has "
+                "shapes, against time. Compare it within a level only: each level has "
                 "its own points. Level 1 minimises another objective and is not drawn.",
                 "Falling curves, one per level.",
             )
