@@ -12,7 +12,7 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.correspondence.assembly_kernels import determinant_derivatives
 from ostiform.correspondence.field_kernels import active_fields, determinants, field_vectors
-from ostiform.correspondence.warps import FieldBasis
+from ostiform.correspondence.warps import FieldBasis, orientation_shares
 from ostiform.domain import Template
 
 __all__ = ["crowding_residuals", "crowding_value"]
@@ -25,7 +25,7 @@ ROOMY = 0.5
 
 def crowding_value(template: Template, directions: FloatArray) -> float:
     """Return the crowding term of a template whose points are at directions (P, 3)."""
-    shares = _shares(template, directions)
+    shares = orientation_shares(template, directions)
     crowded = shares[shares < ROOMY]
     if crowded.min(initial=ROOMY) <= 0.0:
         return np.inf
@@ -52,7 +52,7 @@ def crowding_residuals(
     derivatives : (T, D) float64
         By the coefficients of a flow composed on top.
     """
-    shares = _shares(template, directions)
+    shares = orientation_shares(template, directions)
     crowded = np.flatnonzero(shares < ROOMY)
     corners, local = np.unique(template.faces[crowded], return_inverse=True)
     points = directions[corners]
@@ -66,11 +66,3 @@ def crowding_residuals(
     root = np.sqrt(STRENGTH)
     slopes *= root / determinants(points, local)[:, None]
     return root * np.log(shares[crowded] / ROOMY), slopes
-
-
-def _shares(template: Template, directions: FloatArray) -> FloatArray:
-    """Return each triangle's determinant over its initial one, 1 where that is not positive."""
-    before = determinants(template.points, template.faces)
-    shares = np.ones(len(before))
-    np.divide(determinants(directions, template.faces), before, shares, where=before > 0.0)
-    return shares

@@ -30,6 +30,7 @@ __all__ = [
     "global_fields",
     "join_fields",
     "orientation_share",
+    "orientation_shares",
     "twist_fields",
 ]
 
@@ -329,11 +330,18 @@ def orientation_share(template: Template, directions: FloatArray) -> float:
     Positive when no positively oriented triangle of the template was turned over, 1 for the
     identity. Triangles that the template itself holds turned over do not count.
     """
+    return float(orientation_shares(template, directions).min(initial=1.0))
+
+
+def orientation_shares(template: Template, directions: FloatArray) -> FloatArray:
+    """Return the ratio (F,) of every template triangle's determinant to its initial one.
+
+    It is 1 for triangles that the template itself holds turned over.
+    """
     before = determinants(template.points, template.faces)
-    counted = before > 0.0
-    if not counted.any():
-        return 1.0
-    return float((determinants(directions, template.faces)[counted] / before[counted]).min())
+    shares = np.ones(len(before))
+    np.divide(determinants(directions, template.faces), before, shares, where=before > 0.0)
+    return shares
 
 
 def _merged(basis: FieldBasis, coefficients: FloatArray) -> tuple[FieldBasis, FloatArray]:

@@ -22,6 +22,9 @@ MOST_COVERAGE_LOSS = 1.15
 MOST_WEIGHT_DRIFT = 0.05
 """Most share of the weight that the points' areas have moved away from; there: up to 0.02."""
 
+ROUNDING = 1e-6
+"""Of the diameter: a start that covers the surfaces better than this covers them exactly."""
+
 
 def signs_of_collapse(model: Evaluation, start: Evaluation) -> tuple[str, ...]:
     """Return what gives away that a correspondence has collapsed; nothing for a sound one.
@@ -59,10 +62,6 @@ def signs_of_collapse(model: Evaluation, start: Evaluation) -> tuple[str, ...]:
             f"{loss:.2f}"
         )
     return tuple(signs)
-
-
-ROUNDING = 1e-6
-"""Of the diameter: a start that covers the surfaces better than this covers them exactly."""
 
 
 def _mean_coverage(evaluation: Evaluation) -> float:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.correspondence.sweeps import area_shares
 from ostiform.errors import InputError
 from ostiform.surface import closest_points, surface_tree
-from ostiform.surface.operators import vertex_areas
 
 __all__ = [
     "DividedVariance",
@@ -167,8 +167,7 @@ def weight_drift(points: FloatArray, weights: FloatArray, faces: IntArray) -> fl
         Sum 1.
     faces : (F, 3) int64
     """
-    areas = np.stack([vertex_areas(shape, faces) for shape in points])
-    shares = (areas / areas.sum(axis=1, keepdims=True)).mean(axis=0)
+    shares = area_shares(points, faces).mean(axis=0)
     return 0.5 * float(np.abs(shares - weights).sum())
 
 
