@@ -23,7 +23,7 @@ from ostiform.fitting import (
     shape_deviations,
 )
 from ostiform.fitting.data import prepared_data
-from ostiform.fitting.kernels import design_rows, vertex_normals
+from ostiform.fitting.kernels import design_rows
 from ostiform.fitting.landmarks import labelled
 from ostiform.fitting.leftover import matern
 from ostiform.fitting.linear import State, moved, placed_points, pose_rows
@@ -39,6 +39,7 @@ from ostiform.fitting.prior import MOST_GROWTH
 from ostiform.model import StoredModel, fit_model, project, reconstruct
 from ostiform.study import ShapeId
 from ostiform.surface import closest_points, face_areas, surface_tree
+from ostiform.surface.normals import vertex_normals
 
 
 def planted(rng, groups=40, length=14.0, deviation=0.8):

@@ -12,6 +12,7 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.sweeps import area_shares
 from ostiform.errors import InputError
 from ostiform.surface import closest_points, surface_tree
+from ostiform.surface.normals import vertex_normals
 
 __all__ = [
     "DividedVariance",
@@ -107,7 +108,7 @@ def divided_variance(aligned: FloatArray, weights: FloatArray, faces: IntArray) 
     _check_count(aligned)
     mean = aligned.mean(axis=0)
     deviations = aligned - mean
-    along = np.einsum("npk,pk->np", deviations, _vertex_normals(mean, faces))
+    along = np.einsum("npk,pk->np", deviations, vertex_normals(mean, faces))
     count = len(aligned) - 1
     normal = float((along**2).sum(axis=0) @ weights) / count
     total = float((deviations**2).sum(axis=(0, 2)) @ weights) / count
@@ -169,18 +170,6 @@ def weight_drift(points: FloatArray, weights: FloatArray, faces: IntArray) -> fl
     """
     shares = area_shares(points, faces).mean(axis=0)
     return 0.5 * float(np.abs(shares - weights).sum())
-
-
-def _vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the area-weighted unit normal (P, 3) at every point."""
-    corners = points[faces]  # (F, 3, 3)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    summed = np.zeros_like(points)
-    for corner in range(3):
-        np.add.at(summed, faces[:, corner], across)
-    lengths = np.linalg.norm(summed, axis=1, keepdims=True)
-    normals: FloatArray = summed / np.where(lengths > 0.0, lengths, 1.0)
-    return normals
 
 
 def _check_count(aligned: FloatArray) -> None:

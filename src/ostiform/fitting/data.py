@@ -7,7 +7,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
-from ostiform.fitting.kernels import vertex_normals
 from ostiform.fitting.landmarks import Labelled, labelled
 from ostiform.fitting.patches import Patch, curve_samples, even_samples, open_patch
 from ostiform.fitting.prior import FitPrior
@@ -19,6 +18,7 @@ from ostiform.fitting.types import (
     Target,
 )
 from ostiform.surface import SurfaceTree, surface_tree, vertex_areas
+from ostiform.surface.normals import vertex_normals
 
 __all__ = ["KINDS", "Data", "PointSet", "PreparedSurface", "prepared_data", "sparser"]
 

@@ -16,11 +16,11 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.fitting.data import LANDMARKS, RIMS, SURFACE, Data, PointSet, PreparedSurface
-from ostiform.fitting.kernels import vertex_normals
 from ostiform.fitting.landmarks import Labelled
 from ostiform.fitting.patches import closest_on_curve, curve_samples
 from ostiform.fitting.prior import FitPrior
 from ostiform.surface import SurfaceTree, closest_points, surface_tree
+from ostiform.surface.normals import vertex_normals
 
 __all__ = ["ModelSurface", "Observations", "model_surface", "observations"]
 

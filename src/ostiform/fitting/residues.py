@@ -5,7 +5,6 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.evaluation.distances import weighted_quantile
 from ostiform.fitting.data import Data
-from ostiform.fitting.kernels import vertex_normals
 from ostiform.fitting.patches import closest_on_curve
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import Residue
@@ -15,6 +14,7 @@ from ostiform.surface import (
     surface_tree,
     vertex_areas,
 )
+from ostiform.surface.normals import vertex_normals
 
 __all__ = ["measured_residues"]
 
