@@ -23,11 +23,11 @@ from ostiform.evaluation import (
     fold_residues,
     surface_specificity,
 )
-from ostiform.evaluation.distances import weighted_quantile
 from ostiform.model import fit_model, mesh_of_template
 from ostiform.study.truth import material_coordinates, true_positions
 from ostiform.surface import closest_points, surface_tree
 from ostiform.surface.operators import vertex_areas
+from ostiform.surface.quantiles import weighted_quantile
 from ostiform.surface.sphere import count_flipped
 
 REFERENCES = 3

@@ -1,6 +1,7 @@
 """Processor time and memory against the number of shapes: 36, 100, 300, 1,000 by default.
 
     python -m benchmarks.scaling FOLDER [--shapes 36 100 300 1000] [--workers 2]
+    python -m benchmarks.scaling FOLDER --shapes 300 --batches 150 75
 
 Reading and mapping a shape has nothing to do with the other shapes, so it is measured on 36
 generated atria. Populations of any size are these, each warped smoothly in space (a spatial warp
@@ -24,9 +25,9 @@ import psutil
 from benchmarks.populations import EDGES_MM, family
 from ostiform.correspondence import CorrespondenceSettings, correspond, sampler
 from ostiform.correspondence.build import yardstick_of_template
-from ostiform.correspondence.description_length import spectrum
+from ostiform.correspondence.description_length import length_of_spectrum, spectrum
 from ostiform.correspondence.population_template import population_template
-from ostiform.correspondence.streamed_spectrum import streamed_spectrum
+from ostiform.correspondence.streamed_spectrum import streamed_length, streamed_spectrum
 from ostiform.domain import domain_from_json
 from ostiform.execution import Workers
 from ostiform.model import fit_model, mesh_of_template
@@ -50,6 +51,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--points", type=int, default=2500)
     parser.add_argument("--one", type=int, help="measure this size alone, as JSON")
+    parser.add_argument("--batches", type=int, nargs="+", help="compare these sizes with all")
     parser.add_argument("--large", action="store_true", help="decompose 10,000 shapes")
     chosen = parser.parse_args()
     if chosen.one is not None:
@@ -59,6 +61,11 @@ def main() -> None:
         print(json.dumps(decomposed()))
         return
     print(json.dumps({"each of 36 shapes, CPU s": base(chosen.folder)}))
+    if chosen.batches:
+        for count in chosen.shapes:
+            for row in batched(chosen.folder, count, chosen.points, chosen.workers, chosen.batches):
+                print(json.dumps(row), flush=True)
+        return
     rows = []
     for count in chosen.shapes:
         options = ["--one", str(count), "--points", str(chosen.points)]
@@ -140,6 +147,46 @@ def measured(folder: Path, count: int, n_points: int, workers: int) -> dict[str,
         "strong_modes": len(trained["optimal"].eigenvalues),
         "modes": len(model.modes),
     }
+
+
+def batched(folder, count, n_points, workers, sizes):
+    """Yield how sweeps in batches end beside whole ones, and how the two decompositions agree."""
+    paths, ids, poses, domain = population(folder, count)
+    settings = CorrespondenceSettings(n_points=n_points)
+    with Workers(workers) as pool:
+        shapes = StoredShapes(tuple(StoredShape(path, None) for path in paths), domain, pool)
+        template = population_template(shapes, domain, n_points, poses)
+        yardstick = yardstick_of_template(shapes, ids, domain, template, settings)
+        whole = None
+        for size in (None, *sizes):
+            before = tree_seconds()
+            trained = correspond(shapes, ids, yardstick, replace(settings, batch=size))["optimal"]
+            spent = tree_seconds() - before
+            found = trained.correspondence
+            whole = whole or found
+            exact = spectrum(found.aligned, yardstick.weights)
+            streamed = streamed_spectrum(
+                lambda aligned=found.aligned: (
+                    aligned[first : first + 50] for first in range(0, count, 50)
+                ),
+                yardstick.weights,
+                yardstick.l_cut,
+                np.random.default_rng(0),
+            )
+            strong = len(streamed.eigenvalues)
+            gaps = np.linalg.norm(found.points - whole.points, axis=2) @ yardstick.weights
+            yield {
+                "shapes": count,
+                "batch": size,
+                "CPU s": round(spent, 1),
+                "sweeps": sum(record.sweep > 0 for record in trained.history),
+                "description length": length_of_spectrum(exact.eigenvalues, yardstick.l_cut),
+                "streamed": streamed_length(streamed, yardstick.l_cut),
+                "largest relative error of eigenvalues": float(
+                    np.abs(streamed.eigenvalues / exact.eigenvalues[:strong] - 1.0).max()
+                ),
+                "points apart, mm": float(gaps.mean()),
+            }
 
 
 def _imported(seconds: float) -> None:

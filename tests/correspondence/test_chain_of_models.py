@@ -8,10 +8,12 @@ import pytest
 from ostiform.correspondence import (
     CorrespondenceSettings,
     correspond,
+    hierarchy,
     place,
 )
 from ostiform.correspondence.build import yardstick_of_template
 from ostiform.correspondence.description_length import description_length
+from ostiform.correspondence.hierarchy import REPEATS, sweep_batches
 from ostiform.errors import InputError
 from ostiform.surface import exact_orientations
 from tests.oracles.warped_shapes import (
@@ -148,3 +150,57 @@ def test_a_population_of_one_is_refused():
 def test_settings_that_cannot_be_used_are_refused(name, value):
     with pytest.raises(InputError, match=name):
         CorrespondenceSettings(**{name: value})
+
+
+def placed_well(settings, warp):
+    """The three models of shapes whose maps are warped little, and their yardstick."""
+    domain = one_part_domain()
+    family = warped_family(
+        domain, 6, np.random.default_rng(5), n_vertices=600, warp=warp, twist=warp
+    )
+    template = with_level(triangulated(domain, 300), domain, 160)
+    yardstick = yardstick_of_template(family.samplers, family.ids, domain, template, settings)
+    return yardstick, correspond(family.samplers, family.ids, yardstick, settings)
+
+
+def test_while_the_description_is_too_long_coherence_is_weakened(monkeypatch):
+    monkeypatch.setattr(hierarchy, "LONGEST", 0.0)
+    settings = replace(SETTINGS, levels=2, sweeps=2)
+    _, trained = placed_well(settings, 0.0)
+    optimal = trained["optimal"]
+    assert len(optimal.levels) == 2 + REPEATS
+    assert [record.level for record in optimal.history][-1] == 2 + REPEATS
+    assert len(optimal.forms) == len(optimal.statuses) == len(optimal.levels)
+    strengths = [form.scale for form in optimal.forms[1:]]
+    assert (np.diff(strengths) < 0.0).all()
+
+
+def test_a_shorter_description_needs_no_weaker_coherence():
+    _, trained = placed_well(replace(SETTINGS, levels=2, sweeps=2), 0.2)
+    assert len(trained["optimal"].levels) == 2
+
+
+def test_small_batches_end_where_whole_sweeps_do():
+    settings = replace(SETTINGS, levels=3)
+    yardstick, whole = placed_well(settings, 0.1)
+    _, batched = placed_well(replace(settings, batch=3), 0.1)
+    lengths = [
+        description_length(
+            trained["optimal"].correspondence.aligned, yardstick.weights, yardstick.l_cut
+        )
+        for trained in (whole, batched)
+    ]
+    np.testing.assert_allclose(lengths[1], lengths[0], rtol=0.02)
+    points = [trained["optimal"].correspondence.points for trained in (whole, batched)]
+    apart = np.linalg.norm(points[0] - points[1], axis=2).mean()
+    travelled = np.linalg.norm(points[0] - whole["conformal"].correspondence.points, axis=2).mean()
+    assert 0.0 < apart < 0.35 * travelled
+
+
+def test_the_batches_of_a_sweep_hold_every_shape_once():
+    rng = np.random.default_rng(0)
+    batches = sweep_batches(10, 4, rng)
+    assert [len(batch) for batch in batches] == [4, 3, 3]
+    assert sorted(index for batch in batches for index in batch) == list(range(10))
+    assert sweep_batches(10, 4, rng) != batches
+    assert sweep_batches(10, None, rng) == (tuple(range(10)),)

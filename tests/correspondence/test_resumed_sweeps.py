@@ -11,14 +11,20 @@ from ostiform.errors import InputError
 from tests.oracles.warped_shapes import one_part_domain, triangulated, warped_family, with_level
 
 
-@pytest.fixture(scope="module", params=["majorise", "conjugate-gradient"])
+@pytest.fixture(scope="module", params=["majorise", "batches", "conjugate-gradient"])
 def run(request):
     """Return a function that goes on from levels begun, and every state of the whole run."""
     domain = one_part_domain()
     family = warped_family(domain, 4, np.random.default_rng(3), n_vertices=400)
     template = with_level(triangulated(domain, 200), domain, 90)
     settings = CorrespondenceSettings(
-        optimiser=request.param, levels=3, n_points=200, n_optimised=80, sweeps=3, seed=5
+        optimiser="majorise" if request.param == "batches" else request.param,
+        batch=2 if request.param == "batches" else None,
+        levels=3,
+        n_points=200,
+        n_optimised=80,
+        sweeps=3,
+        seed=5,
     )
     yardstick = yardstick_of_template(family.samplers, family.ids, domain, template, settings)
 

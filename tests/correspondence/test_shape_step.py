@@ -46,6 +46,7 @@ from ostiform.correspondence.sweeps import (
     Population,
     SweepObjective,
     area_shares,
+    current_metric,
     joint_sweep,
     mean_penalty,
     run_sweeps,
@@ -206,6 +207,7 @@ def test_description_length_and_penalty_never_rise_at_frozen_weights(population)
             current,
             population.level,
             (form,) * len(current.states),
+            current_metric(current, population.level),
         )
     assert (np.diff(values) <= 1e-9 * values[0]).all()
     assert values[-1] < 0.98 * values[0]
@@ -218,6 +220,7 @@ def test_a_sweep_leaves_no_velocity_common_to_all_shapes(population):
         population.population,
         population.level,
         (form,) * len(population.population.states),
+        current_metric(population.population, population.level),
     )
     assert outcome.accepted == len(population.population.states)
     assert outcome.drift < 1e-10
@@ -266,6 +269,7 @@ def test_every_status_is_reached(population):
         population.population,
         population.level,
         (form,) * len(population.population.states),
+        current_metric(population.population, population.level),
     )
 
     def still(accepted, expected):

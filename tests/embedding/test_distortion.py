@@ -14,9 +14,9 @@ from ostiform.embedding import (
     seam_jump,
 )
 from ostiform.embedding.distortion import angle_distortion, area_shares
-from ostiform.embedding.quantiles import weighted_quantile
 from ostiform.errors import TopologyError
 from ostiform.surface import Component, inverse_stereographic, stereographic
+from ostiform.surface.quantiles import weighted_quantile
 
 NO_HOLES = ConformalHoles({}, {})
 

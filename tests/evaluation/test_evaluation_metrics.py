@@ -14,8 +14,9 @@ from ostiform.evaluation import (
     shape_coverage,
     surface_distances,
 )
-from ostiform.evaluation.distances import diameter, weighted_quantile
+from ostiform.evaluation.distances import diameter
 from ostiform.model import fit_model, mesh_of_template, reconstruct, sample_scores, truncated
+from ostiform.surface.quantiles import weighted_quantile
 
 ROUNDING = 1e-10
 

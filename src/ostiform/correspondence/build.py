@@ -11,17 +11,20 @@ from ostiform.correspondence.coherence import coherence_about, coherence_form, j
 from ostiform.correspondence.description_length import (
     QuadraticForm,
     cut_off_eigenvalue,
+    description_length,
     euclidean_form,
     majoriser,
     spectrum,
 )
 from ostiform.correspondence.euclidean import root_mean_square_spread
 from ostiform.correspondence.hierarchy import (
+    REPEATS,
     LevelResult,
     Problem,
     coarse_template,
     euclidean_level,
     first_population,
+    level_of,
     optimal_levels,
 )
 from ostiform.correspondence.landmarks import template_marks
@@ -30,6 +33,7 @@ from ostiform.correspondence.population_template import population_template
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.settings import CorrespondenceSettings
 from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes, sampled
+from ostiform.correspondence.spreading import spread
 from ostiform.correspondence.sweeps import Journal, Keep, LevelState, Progress, area_shares
 from ostiform.correspondence.trained import Kind, TrainedCorrespondence, Yardstick
 from ostiform.correspondence.types import Correspondence
@@ -90,7 +94,6 @@ def yardstick_of_template(
     points = np.stack([own for own, _ in surveyed])  # (N, P, 3)
     weights = area_shares(points, template.faces).mean(axis=0)
     weights /= weights.sum()
-    groups = _groups(ids, settings)
     noise_mm = settings.noise_mm
     if noise_mm is None:
         edges = [edge for _, of_shape in surveyed for edge in of_shape]
@@ -102,8 +105,7 @@ def yardstick_of_template(
         noise_mm=noise_mm,
         l_cut=cut_off_eigenvalue(noise_mm, len(ids), len(template.points)),
         alignment=settings.alignment,
-        groups=groups,
-        mean=align(points, weights, settings.alignment, groups).mean,
+        groups=_groups(ids, settings),
     )
 
 
@@ -160,8 +162,16 @@ def correspond(
         "euclidean", problem, _directions(first), ids, yardstick, (first,)
     )
     results = (first, *optimal_levels(problem, population, journal))
+    template, directions = spread(
+        problem.shapes, yardstick.template, problem.circles, _directions(results[-1])
+    )
     trained["optimal"] = _trained(
-        "optimal", problem, _directions(results[-1]), ids, yardstick, results
+        "optimal",
+        _on_template(problem, template),
+        directions,
+        ids,
+        replace(yardstick, template=template),
+        results,
     )
     return trained
 
@@ -186,7 +196,8 @@ def _check_begun(begun: Sequence[LevelState], problem: Problem) -> None:
             len(one.directions) == n_points and len(one.landmarks) == n_coarse
             for one in state.population.states
         )
-        if state.level != number or number > problem.settings.levels or not is_ended or not fits:
+        most = problem.settings.levels + REPEATS
+        if state.level != number or number > most or not is_ended or not fits:
             raise InputError(
                 f"correspondence: expected to go on from levels 1 to {problem.settings.levels} of "
                 f"{n_shapes} shapes with {n_points} points, found level {state.level} of "
@@ -230,10 +241,18 @@ def _problem(shapes: Shapes, yardstick: Yardstick, settings: CorrespondenceSetti
         groups=yardstick.groups,
         metric=with_reference(metric, points),
         l_cut=yardstick.l_cut,
+        start_length=description_length(aligned, weights, yardstick.l_cut),
         unit_mm=unit_mm,
         settings=settings,
         marks=template_marks(shapes, coarse),
     )
+
+
+def _on_template(problem: Problem, template: Template) -> Problem:
+    """Return the problem of the same triangles with their points elsewhere."""
+    coarse, index = coarse_template(template, problem.settings.n_optimised)
+    marks = template_marks(problem.shapes, coarse)
+    return replace(problem, template=template, coarse=coarse, index=index, marks=marks)
 
 
 def _directions(result: LevelResult) -> FloatArray:
@@ -270,10 +289,13 @@ def _trained(
         mean=alignment.mean,
         eigenvalues=found.eigenvalues[strong],
         modes=found.modes[strong],
-        levels=tuple(replace(result.level, metric=metric) for result in results),
+        levels=tuple(
+            level_of(replace(problem, metric=metric), result.level.basis) for result in results
+        ),
         forms=_placing_forms(problem, coarse, results),
         history=tuple(record for result in results for record in result.records),
         statuses=tuple(result.status for result in results),
+        coherence=results[-1].coherence if results else 0.0,
         interior=results[-1].interior if results else None,
         boundary=results[-1].boundary if results else None,
     )
@@ -288,10 +310,9 @@ def _placing_forms(
     """
     found = spectrum(aligned, problem.weights)
     nearest = euclidean_form(found.mean, problem.weights, problem.unit_mm**2)
-    coherence = coherence_about(found.mean, problem.weights, problem.settings.coherence)
-    smooth = coherence_form(coherence, found.mean)
-    shortest = [
-        joined_forms(majoriser(found, problem.weights, result.l_cut), smooth)
-        for result in results[1:]
-    ]
+    shortest = []
+    for result in results[1:]:
+        coherence = coherence_about(found.mean, problem.weights, result.coherence)
+        form = majoriser(found, problem.weights, result.l_cut)
+        shortest.append(joined_forms(form, coherence_form(coherence, found.mean)))
     return (nearest, *shortest)[: len(results)]

@@ -104,7 +104,6 @@ def trained_from(
             l_cut=l_cut,
             alignment=settings.alignment,
             groups=np.arange(len(correspondence.ids)),
-            mean=correspondence.aligned.mean(axis=0),
         ),
         mean=correspondence.aligned.mean(axis=0),
         eigenvalues=full.eigenvalues[strong],
@@ -113,6 +112,7 @@ def trained_from(
         forms=tuple(forms),
         history=(),
         statuses=(),
+        coherence=settings.coherence,
         interior=interior,
         boundary=boundary,
     )

@@ -48,21 +48,31 @@ from ostiform.correspondence.sweeps import (
     SweepOutcome,
     SweepRecord,
     area_shares,
+    batched_sweep,
+    current_metric,
     joint_sweep,
     realigned,
     run_sweeps,
 )
+from ostiform.correspondence.warps import FieldBasis
 from ostiform.domain import Template
 
 __all__ = [
+    "REPEATS",
     "LevelResult",
     "Problem",
     "annealed_cut_offs",
     "coarse_template",
     "euclidean_level",
     "first_population",
+    "level_of",
     "optimal_levels",
+    "sweep_batches",
 ]
+
+# The finest level is done again, at most so often, with this share of the coherence, until the
+# description is not longer than this share of the conformal start's.
+REPEATS, RELIEF, LONGEST = 5, 0.6, 0.995
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +96,8 @@ class Problem:
         Referred to the mean of the conformal sampling.
     l_cut : float
         mm^2.
+    start_length : float
+        Description length of the conformal sampling at l_cut.
     unit_mm : float
         Of the distances of level 1.
     settings : CorrespondenceSettings
@@ -102,6 +114,7 @@ class Problem:
     groups: IntArray
     metric: MetricTerm
     l_cut: float
+    start_length: float
     unit_mm: float
     settings: CorrespondenceSettings
     marks: TemplateMarks | None = None
@@ -119,6 +132,8 @@ class LevelResult:
     interior, boundary : ControlPoints
     l_cut : float
         The level's own cut-off, mm^2.
+    coherence : float
+        Strength of the level's coherence term.
     records : tuple of SweepRecord
     status : LevelStatus
     """
@@ -128,6 +143,7 @@ class LevelResult:
     interior: ControlPoints
     boundary: ControlPoints
     l_cut: float
+    coherence: float
     records: tuple[SweepRecord, ...]
     status: LevelStatus
 
@@ -184,14 +200,16 @@ def euclidean_level(problem: Problem, population: Population, journal: Journal) 
         return euclidean_forms(aligned, shares, reference, problem.unit_mm)
 
     def take(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
-        return joint_sweep(problem.shapes, current, level, forms(current.aligned))
+        metric = current_metric(current, level)
+        return joint_sweep(problem.shapes, current, level, forms(current.aligned), metric)
 
     def value(aligned: FloatArray) -> float:
         return euclidean_value(forms(aligned), aligned)
 
     objective = SweepObjective(value, take, _realigner(problem, value))
     labels = ("euclidean", 1)
-    return _swept(problem, population, control, labels, objective, problem.l_cut, journal)
+    own = problem.l_cut, 0.0
+    return _swept(problem, population, control, labels, objective, own, journal)
 
 
 def optimal_levels(
@@ -199,7 +217,9 @@ def optimal_levels(
 ) -> tuple[LevelResult, ...]:
     """Return levels 2 and finer: the description length of the whole set and its coherence.
 
-    The cut-off is annealed over the levels: see `annealed_cut_offs`.
+    The cut-off is annealed over the levels: see `annealed_cut_offs`. Where the points of the
+    finest level describe the shapes at greater length than those of the conformal start did,
+    coherence has moved them against what the shapes say: the level is done again with less of it.
     """
     settings = problem.settings
     rng = np.random.default_rng(settings.seed)
@@ -207,29 +227,31 @@ def optimal_levels(
     cut_offs = annealed_cut_offs(problem.l_cut, spread**2, settings.levels)
     results: list[LevelResult] = []
     interior = no_control_points()
-    for number, l_cut in zip(range(2, settings.levels + 1), cut_offs, strict=True):
+
+    def swept(number: int, l_cut: float, strength: float) -> LevelResult:
         mean_shape = population.aligned.mean(axis=0)
-        interior = insert_interior(interior, problem.coarse, mean_shape, number)
-        boundary = boundary_control_points(problem.circles, number)
         if number in journal.begun:
             for _ in range(journal.begun[number].sweeps):
                 rng.permutation(len(problem.shapes))  # drawn by the sweeps of the earlier run
-        result = _swept(
-            problem,
-            population,
-            (interior, boundary),
-            ("optimal", number),
-            _length_objective(
-                problem,
-                l_cut,
-                coherence_about(mean_shape, problem.weights, settings.coherence),
-                rng,
-            ),
-            l_cut,
-            journal,
-        )
-        population = result.population
-        results.append(result)
+        coherence = coherence_about(mean_shape, problem.weights, strength)
+        objective = _length_objective(problem, l_cut, coherence, rng)
+        control = interior, boundary_control_points(problem.circles, min(number, settings.levels))
+        labels = "optimal", number
+        own = l_cut, strength
+        return _swept(problem, population, control, labels, objective, own, journal)
+
+    for number, l_cut in zip(range(2, settings.levels + 1), cut_offs, strict=True):
+        mean_shape = population.aligned.mean(axis=0)
+        interior = insert_interior(interior, problem.coarse, mean_shape, number)
+        results.append(swept(number, l_cut, settings.coherence))
+        population = results[-1].population
+    for repeat in range(1, REPEATS + 1):
+        length = description_length(population.aligned, problem.weights, problem.l_cut)
+        if not results or settings.coherence == 0.0 or length <= LONGEST * problem.start_length:
+            break
+        strength = settings.coherence * RELIEF**repeat
+        results.append(swept(settings.levels + repeat, problem.l_cut, strength))
+        population = results[-1].population
     return tuple(results)
 
 
@@ -253,6 +275,19 @@ def annealed_cut_offs(l_cut: float, variance: float, levels: int) -> tuple[float
     return tuple(l_cut * above ** ((count - 1 - k) / max(count - 1, 1)) for k in range(count))
 
 
+def sweep_batches(
+    n_shapes: int, size: int | None, rng: np.random.Generator
+) -> tuple[tuple[int, ...], ...]:
+    """Return the shapes in random batches of about one size; all in one, in order, for None."""
+    order = rng.permutation(n_shapes)
+    if size is None or size >= n_shapes:
+        return (tuple(range(n_shapes)),)
+    return tuple(
+        tuple(int(index) for index in batch)
+        for batch in np.array_split(order, -(-n_shapes // size))
+    )
+
+
 def _length_objective(
     problem: Problem, l_cut: float, coherence: Coherence, rng: np.random.Generator
 ) -> SweepObjective:
@@ -260,10 +295,13 @@ def _length_objective(
         length = description_length(aligned, problem.weights, l_cut)
         return length + coherence_value(coherence, aligned)
 
-    def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+    def form_of(current: Population) -> QuadraticForm:
         form = majoriser(spectrum(current.aligned, problem.weights), problem.weights, l_cut)
-        form = joined_forms(form, coherence_form(coherence, form.target))
-        return joint_sweep(problem.shapes, current, level, (form,) * len(current.states))
+        return joined_forms(form, coherence_form(coherence, form.target))
+
+    def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+        batches = sweep_batches(len(current.states), problem.settings.batch, rng)
+        return batched_sweep(problem.shapes, current, level, form_of, batches)
 
     def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
         return conjugate_gradient_sweep(problem.shapes, current, level, l_cut, coherence, rng)
@@ -272,17 +310,12 @@ def _length_objective(
     return SweepObjective(value, take, _realigner(problem, value))
 
 
-def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -> WarpLevel:
-    n_spheres = int(problem.template.sphere.max()) + 1
-    basis = basis_of(interior, boundary, problem.circles, n_spheres)
+def level_of(problem: Problem, basis: FieldBasis) -> WarpLevel:
+    """Return what shapes share at a level whose fields are given; without their own landmarks."""
+    settings = problem.settings
     penalty = displacement_penalty(
-        problem.coarse, problem.weights, problem.settings.stretch, problem.settings.offset
+        problem.coarse, problem.weights, settings.stretch, settings.offset
     )
-    marks = problem.marks
-    terms: tuple[LandmarkTerm | None, ...] = ()
-    if marks is not None:
-        own = problem.shapes.each(marks_of, [None] * len(problem.shapes), None)
-        terms = tuple(landmark_term(marks, of_shape) for of_shape in own)
     return warp_level(
         problem.template,
         problem.coarse,
@@ -290,9 +323,15 @@ def _level(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -
         basis,
         penalty,
         problem.metric,
-        marks,
-        terms,
+        problem.marks,
     )
+
+
+def _landmark_terms(problem: Problem) -> tuple[LandmarkTerm | None, ...]:
+    if problem.marks is None:
+        return ()
+    own = problem.shapes.each(marks_of, [None] * len(problem.shapes), None)
+    return tuple(landmark_term(problem.marks, of_shape) for of_shape in own)
 
 
 def _realigner(
@@ -312,10 +351,12 @@ def _swept(
     control: tuple[ControlPoints, ControlPoints],
     labels: tuple[str, int],
     objective: SweepObjective,
-    l_cut: float,
+    own: tuple[float, float],
     journal: Journal,
 ) -> LevelResult:
-    level = _level(problem, *control)
+    n_spheres = int(problem.template.sphere.max()) + 1
+    basis = basis_of(*control, problem.circles, n_spheres)
+    level = replace(level_of(problem, basis), terms=_landmark_terms(problem))
     limits = (problem.settings.sweeps, problem.settings.tolerance)
     population, records, status = run_sweeps(population, level, objective, labels, limits, journal)
-    return LevelResult(population, level, *control, l_cut, records, status)
+    return LevelResult(population, level, *control, *own, records, status)

@@ -31,6 +31,8 @@ class CorrespondenceSettings:
     alignment : {"rigid", "similarity", "none"}
     per : {"subject", "shape"}
         Whether the phases of a subject share one transform.
+    batch : int or None
+        Shapes that `majorise` moves between two updates of the mean and of W; None moves all.
     sweeps : int
         Most sweeps per level.
     tolerance : float
@@ -57,12 +59,13 @@ class CorrespondenceSettings:
     noise_mm: float | None = None
     alignment: AlignmentMode = "rigid"
     per: Literal["subject", "shape"] = "subject"
-    sweeps: int = 10
+    batch: int | None = None
+    sweeps: int = 20
     tolerance: float = 2e-3
-    stretch: float = 100.0
-    offset: float = 100.0
+    stretch: float = 20.0
+    offset: float = 20.0
     coherence: float = 1e6
-    metric: float = 1000.0
+    metric: float = 300.0
     euclidean_noise_mm: float | None = None
     seed: int = 0
 
@@ -83,6 +86,10 @@ class CorrespondenceSettings:
                 raise InputError(
                     f"correspondence {name}: expected at least {least}, found {getattr(self, name)}"
                 )
+        if self.batch is not None and self.batch < 2:
+            raise InputError(
+                f"correspondence batch: expected at least 2 shapes, found {self.batch}"
+            )
         for name in ("noise_mm", "euclidean_noise_mm"):
             value = getattr(self, name)
             if value is not None and not value > 0.0:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.blas import dsyrk
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.assembly_kernels import (
@@ -73,6 +74,10 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e3
 EASE, TIGHTEN = 1.0 / 3.0, 4.0
 
 HALVINGS = 5
+
+# Motions with less than this of the largest share are left out of a step's matrix (not of its
+# gradient): half of them, whose curvature is then overestimated by little.
+LEAST_SHARE_FELT = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,24 +243,34 @@ def propose(
         np.ascontiguousarray(goal.form.modes.T),
         len(hessian),
     )  # (D, R)
-    hessian = hessian + goal.form.scale * normal_matrix(
-        system.starts, system.fields, system.moved, len(hessian)
-    )
-    hessian -= (scores * goal.form.gains) @ scores.T
+    shares = goal.form.shares
+    felt = shares > LEAST_SHARE_FELT * shares.max(initial=0.0)
     along = motion_derivatives(
         system.starts,
         system.fields,
         system.moved,
-        np.ascontiguousarray(goal.form.motions.T),
+        np.ascontiguousarray(goal.form.motions[felt].T),
         len(hessian),
     ).reshape(len(hessian), -1)  # (D, 3S)
-    hessian -= (along * np.tile(goal.form.shares, 3)) @ along.T
-    hessian += level.curvature
-    diagonal = np.diagonal(hessian)
-    damped = hessian + np.diag(
-        state.damping * np.maximum(diagonal, 1e-3 * max(diagonal.mean(), np.finfo(float).tiny))
+    hessian = hessian + level.curvature
+    hessian += goal.form.scale * normal_matrix(
+        system.starts, system.fields, system.moved, len(hessian)
     )
-    coefficients = -cho_solve(cho_factor(damped, check_finite=False), half_gradient)
+    explained = np.concatenate(
+        [
+            scores * np.sqrt(goal.form.gains),
+            along * np.sqrt(np.tile(shares[felt], 3)),
+        ],
+        axis=1,
+    )  # (D, R + 3S)
+    lower = hessian.T  # a C array's transpose is what BLAS takes; it fills one triangle
+    if explained.shape[1]:
+        lower = dsyrk(-1.0, explained.T, 1.0, lower, trans=1, lower=1, overwrite_c=1)
+    diagonal = np.diagonal(lower).copy()
+    least = 1e-3 * max(float(diagonal.mean()), np.finfo(float).tiny)
+    np.fill_diagonal(lower, diagonal + state.damping * np.maximum(diagonal, least))
+    factor = cho_factor(lower, lower=True, overwrite_a=True, check_finite=False)
+    coefficients = -cho_solve(factor, half_gradient)
     return Proposal(coefficients, half_gradient)
 
 

@@ -30,6 +30,9 @@ class Shapes(Protocol):
     def at(self, index: int) -> ShapeSampler:
         """Return one shape."""
 
+    def chosen(self, indices: Sequence[int]) -> "Shapes":
+        """Return some of the shapes, in the order given."""
+
     def each(
         self,
         function: Callable[[ShapeSampler, Item, Shared], Result],
@@ -72,6 +75,10 @@ class ShapesInMemory:
     def at(self, index: int) -> ShapeSampler:
         """Return one shape."""
         return self.samplers[index]
+
+    def chosen(self, indices: Sequence[int]) -> "ShapesInMemory":
+        """Return some of the shapes, in the order given."""
+        return ShapesInMemory(tuple(self.samplers[index] for index in indices))
 
     def each(
         self,

@@ -28,7 +28,7 @@ from ostiform.correspondence.shape_step import (
     advance,
     propose,
 )
-from ostiform.correspondence.shapes import GivenShapes, as_shapes
+from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes
 from ostiform.surface import vertex_areas
 
 __all__ = [
@@ -42,6 +42,8 @@ __all__ = [
     "SweepOutcome",
     "SweepRecord",
     "area_shares",
+    "batched_sweep",
+    "current_metric",
     "joint_sweep",
     "mean_penalty",
     "realigned",
@@ -131,6 +133,18 @@ class Population:
         moved = (linear @ self.landmarks[..., None])[..., 0]
         aligned: FloatArray = moved + self.transforms[:, None, :3, 3]
         return aligned
+
+    def chosen(self, indices: Sequence[int]) -> "Population":
+        """Return some of the shapes, in the order given."""
+        states = tuple(self.states[index] for index in indices)
+        return Population(states, self.transforms[list(indices)])
+
+    def moved(self, indices: Sequence[int], states: Sequence[WarpState]) -> "Population":
+        """Return the population with some of its shapes in other states."""
+        found = dict(zip(indices, states, strict=True))
+        return replace(
+            self, states=tuple(found.get(i, state) for i, state in enumerate(self.states))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,6 +308,7 @@ def joint_sweep(
     population: Population,
     level: WarpLevel,
     forms: Sequence[QuadraticForm],
+    metric: MetricTerm,
 ) -> tuple[Population, SweepOutcome]:
     """Return the population after every shape took a step on its own objective.
 
@@ -301,6 +316,18 @@ def joint_sweep(
     (a velocity common to all shapes moves points together and explains nothing); then each shape
     takes the longest part of its step that lowers its own objective. Where no part of it does, as
     happens while shapes are far from their goals, the shape tries its step with the mean.
+
+    Parameters
+    ----------
+    shapes : Shapes or sequence of ShapeSampler
+        N.
+    population : Population
+        Of these shapes.
+    level : WarpLevel
+    forms : sequence of QuadraticForm
+        One per shape.
+    metric : MetricTerm
+        See `current_metric`.
     """
     kept = as_shapes(shapes)
     is_common = all(form is forms[0] for form in forms)
@@ -308,7 +335,7 @@ def joint_sweep(
     nothing = np.zeros(len(level.basis))
     rules = _Rules(
         replace(level, terms=()),
-        current_metric(population, level),
+        metric,
         forms[0] if is_common else None,
         nothing,
     )
@@ -352,6 +379,53 @@ def _goal(shape: ShapeSampler, turn: _Turn, rules: _Rules) -> ShapeGoal:
     if form is None:
         raise ValueError("a shape of a sweep has a form of its own, or all share one")
     return ShapeGoal(form, rules.metric, landmark_term(rules.level.marks, shape.marks))
+
+
+def batched_sweep(
+    shapes: Shapes,
+    population: Population,
+    level: WarpLevel,
+    form_of: Callable[[Population], QuadraticForm],
+    batches: Sequence[Sequence[int]],
+) -> tuple[Population, SweepOutcome]:
+    """Return the population after every shape took a step, batch by batch.
+
+    Mean, form and metric reference are those after the batch before: with several batches a
+    sweep goes further and costs as much again only in decompositions.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    population : Population
+    level : WarpLevel
+    form_of : callable
+        From a population to the form common to its shapes.
+    batches : sequence of sequence of int
+        The shapes, each once; a random part of the population each, as the mean of a batch's
+        steps stands for that of all.
+    """
+    outcomes = []
+    for batch in batches:
+        form, metric = form_of(population), current_metric(population, level)
+        part, outcome = joint_sweep(
+            shapes.chosen(batch),
+            population.chosen(batch),
+            level,
+            (form,) * len(batch),
+            metric,
+        )
+        population = population.moved(batch, part.states)
+        outcomes.append(outcome)
+    if len(outcomes) == 1:
+        return population, outcomes[0]
+    shares = np.array([len(batch) for batch in batches]) / len(shapes)
+    steps = np.array([outcome.step_rad for outcome in outcomes])
+    return population, SweepOutcome(
+        expected=sum(outcome.expected for outcome in outcomes),
+        drift=float(shares @ [outcome.drift for outcome in outcomes]),
+        accepted=sum(outcome.accepted for outcome in outcomes),
+        step_rad=float(np.sqrt(shares @ steps**2)),
+    )
 
 
 def sweep_outcome(

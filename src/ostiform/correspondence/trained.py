@@ -26,6 +26,7 @@ class Yardstick:
     ----------
     domain : BaseDomain
     template : Template
+        The optimal model's has its points elsewhere; see `spreading`.
     weights : (P,) float64
         Mean area share of each point over the conformally sampled shapes, sum 1.
     noise_mm : float
@@ -35,8 +36,6 @@ class Yardstick:
     alignment : {"rigid", "similarity", "none"}
     groups : (N,) int64
         Shapes with the same label share a transform.
-    mean : (P, 3) float64, mm
-        Of the aligned conformal samples.
     """
 
     domain: BaseDomain
@@ -46,13 +45,11 @@ class Yardstick:
     l_cut: float
     alignment: AlignmentMode
     groups: IntArray
-    mean: FloatArray
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
         count = len(self.template.points)
         object.__setattr__(self, "weights", frozen_floats(self.weights, (count,), "weights"))
-        object.__setattr__(self, "mean", frozen_floats(self.mean, (count, 3), "mean"))
         object.__setattr__(self, "groups", frozen_ints(self.groups, (None,), "groups"))
 
 
@@ -79,6 +76,9 @@ class TrainedCorrespondence:
     history : tuple of SweepRecord
     statuses : tuple of LevelStatus
         How each level ended.
+    coherence : float
+        Strength of the coherence term at the last level: that of the settings, or weaker where
+        the description was too long with it; see `hierarchy.optimal_levels`.
     interior, boundary : ControlPoints or None
         Of the finest level; None for the conformal kind.
     """
@@ -93,6 +93,7 @@ class TrainedCorrespondence:
     forms: tuple[QuadraticForm, ...]
     history: tuple[SweepRecord, ...]
     statuses: tuple[LevelStatus, ...]
+    coherence: float
     interior: ControlPoints | None
     boundary: ControlPoints | None
 

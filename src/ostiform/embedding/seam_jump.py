@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import Circle, Sphere, tangent_frame
-from ostiform.embedding.quantiles import weighted_quantile
 from ostiform.embedding.types import SeamJump
 from ostiform.errors import TopologyError
 from ostiform.surface import (
@@ -25,6 +24,7 @@ from ostiform.surface import (
     local_frames,
     unique_edges,
 )
+from ostiform.surface.quantiles import weighted_quantile
 
 __all__ = ["OneSidedDerivatives", "loop_near_circle", "one_sided_derivatives", "seam_jump"]
 

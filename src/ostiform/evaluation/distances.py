@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.errors import InputError
 from ostiform.surface.operators import vertex_areas
+from ostiform.surface.quantiles import weighted_quantile
 from ostiform.surface.queries import SurfaceTree, surface_tree
 
-__all__ = ["SurfaceDistance", "diameter", "surface_distances", "weighted_quantile"]
+__all__ = ["SurfaceDistance", "diameter", "surface_distances"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,29 +69,6 @@ def surface_distances(
             )
         )
     return tuple(results)
-
-
-def weighted_quantile(values: FloatArray, weights: FloatArray, share: float) -> float:
-    """Return the smallest value that at least a share of the weight does not exceed.
-
-    Raises
-    ------
-    InputError
-        If there are no values, or the weights are not positive in sum.
-    """
-    if not len(values) or not weights.sum() > 0.0:
-        raise InputError(
-            f"a weighted quantile: expected values of positive weight, found {len(values)} of "
-            f"total weight {weights.sum():g}"
-        )
-    order = np.argsort(values)
-    cumulative = np.cumsum(weights[order])
-    place = np.searchsorted(cumulative, share * cumulative[-1] * (1.0 - QUANTILE_ROUNDING))
-    return float(values[order[min(int(place), len(values) - 1)]])
-
-
-QUANTILE_ROUNDING = 1e-12
-"""Relative to the total weight: rounding of the cumulative sum."""
 
 
 def diameter(points: FloatArray) -> float:

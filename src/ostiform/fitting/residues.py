@@ -3,7 +3,6 @@
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.evaluation.distances import weighted_quantile
 from ostiform.fitting.data import Data
 from ostiform.fitting.patches import closest_on_curve
 from ostiform.fitting.prior import FitPrior
@@ -15,6 +14,7 @@ from ostiform.surface import (
     vertex_areas,
 )
 from ostiform.surface.normals import vertex_normals
+from ostiform.surface.quantiles import weighted_quantile
 
 __all__ = ["measured_residues"]
 

@@ -126,6 +126,7 @@ def correspondence_settings(study: Study) -> CorrespondenceSettings:
         n_points=study.settings.template.points,
         noise_mm=stated.noise_mm,
         coherence=stated.coherence,
+        batch=stated.batch,
         alignment=study.settings.alignment.mode,
         per=study.alignment_per,
         seed=stated.seed,
@@ -155,6 +156,7 @@ def _facts(trained: TrainedCorrespondence, settings: CorrespondenceSettings) -> 
         "l_cut_mm2": trained.yardstick.l_cut,
         "noise_mm": trained.yardstick.noise_mm,
         "statuses": [status.value for status in trained.statuses],
+        "coherence": trained.coherence,
         "warning": convergence_warning(trained.statuses),
         "history": [asdict(record) for record in trained.history],
         "control_points": {

@@ -1,7 +1,7 @@
 """A finished model, and new shapes of its study: read, named and mapped to its spheres."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,11 +70,12 @@ def finished_model(results: Path) -> FinishedModel:
     facts = store.read_json("correspondence.json")
     failed = store.read_json("failed.json")
     try:
+        stated = CorrespondenceSettings(**facts["settings"])
         return FinishedModel(
             store,
             correspondence,
             domain_from_json(store.read_json("domain.json")),
-            CorrespondenceSettings(**facts["settings"]),
+            replace(stated, coherence=float(facts["coherence"])),
             float(facts["noise_mm"]),
             float(facts["l_cut_mm2"]),
             tuple((item["subject"], item["phase"], item["stage"]) for item in failed),

@@ -219,7 +219,13 @@ def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> N
             clinical_section(dynamics.clinical),
             maps_section(maps, view, kinks),
             template_section(correspondence, evaluations["optimal"]),
-            correspondence_section(facts["history"], facts["statuses"], n_interior, n_boundary),
+            correspondence_section(
+                facts["history"],
+                facts["statuses"],
+                n_interior,
+                n_boundary,
+                max(len(facts["statuses"]) - facts["settings"]["levels"], 0),
+            ),
             run_section(
                 _run_facts(store, record, domain, facts),
                 record.seconds,

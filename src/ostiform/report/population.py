@@ -162,11 +162,22 @@ def template_section(correspondence: Correspondence, evaluation: Evaluation) -> 
     )
 
 
+def _repeated(repeats: int) -> tuple[str, ...]:
+    if repeats == 0:
+        return ()
+    times = "once" if repeats == 1 else f"{repeats} times"
+    return (
+        f"The finest level was done again {times}, each time with weaker coherence, because the "
+        "shapes were described at greater length than by the conformal start.",
+    )
+
+
 def correspondence_section(
     history: Sequence[Mapping[str, float]],
     statuses: Sequence[str],
     n_interior: int,
     n_boundary: int,
+    repeats: int,
 ) -> Section:
     """Return how the optimisation went.
 
@@ -178,6 +189,8 @@ def correspondence_section(
         How each level ended.
     n_interior, n_boundary : int
         Control points of the finest level.
+    repeats : int
+        How often the finest level was done again with weaker coherence.
     """
     seconds = np.cumsum([record["seconds"] for record in history])
     levels = np.array([record["level"] for record in history], dtype=float)
@@ -214,6 +227,7 @@ def correspondence_section(
         (
             f"{n_interior} control points in the interior and {n_boundary} on the boundaries "
             "(the paper ends with 10, those on the boundaries not counted).",
+            *_repeated(repeats),
         ),
         tuple(pictures),
         (Table("How each level ended", ("level", "sweeps", "ended because"), rows, texts=(2,)),),

@@ -183,13 +183,15 @@ class CorrespondenceSettings(_Settings):
 
     `noise_mm` is the standard deviation per coordinate below which variation is noise; default
     0.2 times the median input edge. `coherence` is how strongly shapes are held to differ from
-    their mean by smooth motions, in units of one over its squared radius.
+    their mean by smooth motions, in units of one over its squared radius. `batch` is how many
+    shapes move between two updates of the mean and of what is common to all; default all.
     """
 
     optimiser: Literal["majorise", "conjugate-gradient"] = "majorise"
     levels: Annotated[int, Field(ge=1, le=8)] = 4
     noise_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
     coherence: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 1e6
+    batch: Annotated[int, Field(ge=2)] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.surface.quantiles import weighted_quantile
 
 __all__ = [
     "ClosestPoints",
@@ -138,16 +139,9 @@ def surface_distance(vertices: FloatArray, faces: IntArray, target: SurfaceTree)
     values = distances.distances
     return SurfaceDistance(
         mean=float(weights @ values / weights.sum()),
-        p95=_weighted_quantile(values, weights, 0.95),
+        p95=weighted_quantile(values, weights, 0.95),
         maximum=float(values.max()),
     )
-
-
-def _weighted_quantile(values: FloatArray, weights: FloatArray, level: float) -> float:
-    order = np.argsort(values)
-    below = np.cumsum(weights[order])
-    at = np.searchsorted(below, level * below[-1])
-    return float(values[order][min(int(at), len(values) - 1)])
 
 
 def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:
