@@ -20,7 +20,7 @@ def squeezed():
     circles = circle_table(domain, template)
     spheres = len(domain.spheres)
     basis = basis_of(no_control_points(), boundary_control_points(circles, 1), circles, spheres)
-    coefficients = np.random.default_rng(2).normal(0.0, 0.02, len(basis))
+    coefficients = np.random.default_rng(2).normal(0.0, 0.012, len(basis))
     return basis, template, flow(basis, template, template.points, coefficients)
 
 

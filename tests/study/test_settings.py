@@ -79,6 +79,7 @@ def test_a_minimal_study_takes_the_defaults():
         "levels": 4,
         "noise_mm": None,
         "coherence": 1e6,
+        "batch": None,
         "seed": 0,
     }
     assert settings.alignment.model_dump() == {"mode": "rigid", "per": None}

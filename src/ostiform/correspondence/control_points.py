@@ -37,8 +37,9 @@ SLIDE_RADII = 4.0
 NARROWEST_SLIDE, WIDEST_SLIDE = 0.2, 0.8
 
 # Angles from a circle over which its surroundings turn with it, as far as the next circle lets
-# them: the wrong rotation of a rim turns half the way to its neighbours.
-WIDE_TURNS = (0.5, 1.0)
+# them: the wrong rotation of a rim turns half the way to its neighbours, by a profile that these
+# fields together follow.
+WIDE_TURNS = (0.15, 0.25, 0.4, 0.65, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

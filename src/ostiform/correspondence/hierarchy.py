@@ -208,8 +208,7 @@ def euclidean_level(problem: Problem, population: Population, journal: Journal) 
 
     objective = SweepObjective(value, take, _realigner(problem, value))
     labels = ("euclidean", 1)
-    own = problem.l_cut, 0.0
-    return _swept(problem, population, control, labels, objective, own, journal)
+    return _swept(problem, population, control, labels, objective, (problem.l_cut, 0.0), journal)
 
 
 def optimal_levels(
@@ -226,33 +225,39 @@ def optimal_levels(
     spread = root_mean_square_spread(population.aligned, problem.weights)
     cut_offs = annealed_cut_offs(problem.l_cut, spread**2, settings.levels)
     results: list[LevelResult] = []
-    interior = no_control_points()
-
-    def swept(number: int, l_cut: float, strength: float) -> LevelResult:
+    interior = boundary = no_control_points()
+    strength = settings.coherence
+    for number in range(2, settings.levels + REPEATS + 1):
         mean_shape = population.aligned.mean(axis=0)
+        if number <= settings.levels:
+            l_cut = cut_offs[number - 2]
+            interior = insert_interior(interior, problem.coarse, mean_shape, number)
+            boundary = boundary_control_points(problem.circles, number)
+        elif results and strength > 0.0 and _is_too_long(problem, population):
+            strength *= RELIEF
+        else:
+            break
         if number in journal.begun:
             for _ in range(journal.begun[number].sweeps):
                 rng.permutation(len(problem.shapes))  # drawn by the sweeps of the earlier run
         coherence = coherence_about(mean_shape, problem.weights, strength)
-        objective = _length_objective(problem, l_cut, coherence, rng)
-        control = interior, boundary_control_points(problem.circles, min(number, settings.levels))
-        labels = "optimal", number
-        own = l_cut, strength
-        return _swept(problem, population, control, labels, objective, own, journal)
-
-    for number, l_cut in zip(range(2, settings.levels + 1), cut_offs, strict=True):
-        mean_shape = population.aligned.mean(axis=0)
-        interior = insert_interior(interior, problem.coarse, mean_shape, number)
-        results.append(swept(number, l_cut, settings.coherence))
-        population = results[-1].population
-    for repeat in range(1, REPEATS + 1):
-        length = description_length(population.aligned, problem.weights, problem.l_cut)
-        if not results or settings.coherence == 0.0 or length <= LONGEST * problem.start_length:
-            break
-        strength = settings.coherence * RELIEF**repeat
-        results.append(swept(settings.levels + repeat, problem.l_cut, strength))
-        population = results[-1].population
+        result = _swept(
+            problem,
+            population,
+            (interior, boundary),
+            ("optimal", number),
+            _length_objective(problem, l_cut, coherence, rng),
+            (l_cut, strength),
+            journal,
+        )
+        population = result.population
+        results.append(result)
     return tuple(results)
+
+
+def _is_too_long(problem: Problem, population: Population) -> bool:
+    length = description_length(population.aligned, problem.weights, problem.l_cut)
+    return length > LONGEST * problem.start_length
 
 
 def annealed_cut_offs(l_cut: float, variance: float, levels: int) -> tuple[float, ...]:
@@ -351,12 +356,13 @@ def _swept(
     control: tuple[ControlPoints, ControlPoints],
     labels: tuple[str, int],
     objective: SweepObjective,
-    own: tuple[float, float],
+    strengths: tuple[float, float],
     journal: Journal,
 ) -> LevelResult:
+    """Return the result of a level; its cut-off and its coherence are noted with it."""
     n_spheres = int(problem.template.sphere.max()) + 1
     basis = basis_of(*control, problem.circles, n_spheres)
     level = replace(level_of(problem, basis), terms=_landmark_terms(problem))
     limits = (problem.settings.sweeps, problem.settings.tolerance)
     population, records, status = run_sweeps(population, level, objective, labels, limits, journal)
-    return LevelResult(population, level, *control, *own, records, status)
+    return LevelResult(population, level, *control, *strengths, records, status)
