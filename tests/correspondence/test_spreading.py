@@ -117,8 +117,10 @@ def test_derivatives_of_linear_functions_are_exact_inside(crowded):
 
 
 def test_a_cover_over_another_is_its_worst_ratio():
-    assert Coverage(2.0, 1.0, 3.0).over(Coverage(1.0, 1.0, 1.0)) == 3.0
-    assert Coverage(2.0, 1.0, 3.0).over(Coverage(1.0, 0.25, 1.0)) == 4.0
+    found = Coverage(2.0, 1.0, 0.5, 3.0)
+    assert found.over(Coverage(1.0, 1.0, 1.0, 1.0)) == 3.0
+    assert found.over(Coverage(1.0, 0.25, 1.0, 1.0)) == 4.0
+    assert found.over(Coverage(1.0, 1.0, 0.1, 1.0)) == 5.0
 
 
 def test_points_that_cover_the_shapes_well_enough_stay(crowded, monkeypatch):

@@ -50,11 +50,11 @@ INERTIA = 0.05
 """Weight with which a point holds its place; a cell as large as the mean one, at the start's worst
 distance from the sampled surface in one shape, has 1."""
 
-DAMPING, SLOWING = 0.3, 0.3
+DAMPING, SLOWING = 0.4, 0.1
 """Share of the way that a step goes at first (as weights follow a high power of the distances,
 whole steps overshoot), and how it shrinks from round to round."""
 
-ENOUGH, ROUNDS = 0.99, 10
+ENOUGH, ROUNDS = 0.99, 16
 """Worst distance over the start's at which points stay where they are, and most rounds."""
 
 LEAST_SHARE = 0.2
@@ -75,14 +75,15 @@ class Coverage:
     ----------
     surface : float, mm
         Largest distance from a vertex to the sampled surface.
-    surface_95 : float, mm
-        95 % of that distance over area, mean over the shapes.
+    surface_95, mean_95 : float, mm
+        95 % of that distance over area: of the worst shape, and mean over the shapes.
     point : float, mm
         Largest distance from a vertex to the nearest point.
     """
 
     surface: float
     surface_95: float
+    mean_95: float
     point: float
 
     def over(self, other: "Coverage") -> float:
@@ -90,6 +91,7 @@ class Coverage:
         return max(
             self.surface / other.surface,
             self.surface_95 / other.surface_95,
+            self.mean_95 / other.mean_95,
             self.point / other.point,
         )
 
@@ -191,9 +193,10 @@ def _template_coverage(shapes: Shapes, template: Template) -> Coverage:
 
 def _joined(coverages: Sequence[Coverage]) -> Coverage:
     return Coverage(
-        max(one.surface for one in coverages),
-        float(np.mean([one.surface_95 for one in coverages])),
-        max(one.point for one in coverages),
+        surface=max(one.surface for one in coverages),
+        surface_95=max(one.surface_95 for one in coverages),
+        mean_95=float(np.mean([one.mean_95 for one in coverages])),
+        point=max(one.point for one in coverages),
     )
 
 
@@ -206,10 +209,12 @@ def _coverage_of(shape: ShapeSampler, _item: None, template: Template) -> Covera
 
 def _coverage(gaps: FloatArray, areas: FloatArray, reaches: FloatArray) -> Coverage:
     least = EXACT * float(np.sqrt(areas.sum()))
+    most = max(weighted_quantile(gaps, areas, 0.95), least)
     return Coverage(
-        max(float(gaps.max()), least),
-        max(weighted_quantile(gaps, areas, 0.95), least),
-        max(float(reaches.max()), least),
+        surface=max(float(gaps.max()), least),
+        surface_95=most,
+        mean_95=most,
+        point=max(float(reaches.max()), least),
     )
 
 
@@ -250,7 +255,7 @@ def _surveyed(shape: ShapeSampler, directions: FloatArray, rules: _Rules) -> _Su
     # and every vertex the corners of the triangle nearest to it by its distance from that.
     found = closest_points(surface_tree(points, template.faces), vertices)
     urgency = (found.distances / start.surface) ** POWER
-    urgency += MILD * (found.distances / start.surface_95) ** MILD_POWER
+    urgency += MILD * (found.distances / start.mean_95) ** MILD_POWER
     beside = (cells * areas * urgency)[:, None]
     index = np.concatenate([nearest, template.faces[found.faces].ravel()])
     weights = np.concatenate(
