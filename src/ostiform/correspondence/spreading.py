@@ -172,16 +172,16 @@ def spread(
     start = _template_coverage(shapes, template)
     first = moved = best = template, directions
     least = np.inf
-    for number in range(ROUNDS):
+    for number in range(1, ROUNDS + 1):
         differences = differences_of(moved[0], circles)
         rules = _Rules(moved[0], differences, start)
         surveys = shapes.each(_surveyed, list(moved[1]), rules)
         reached = _joined([survey.coverage for survey in surveys]).over(start)
         if reached < least:
             least, best = reached, moved
-        if reached <= ENOUGH:
+        if reached <= ENOUGH or number == ROUNDS:
             break
-        motion = DAMPING / (1.0 + SLOWING * number) * _motion(surveys, template.curve)
+        motion = DAMPING / (1.0 + SLOWING * (number - 1)) * _motion(surveys, template.curve)
         moved = _stepped(first, moved, differences, motion, circles)
     return best
 
