@@ -50,7 +50,10 @@ CACHE = Path("/tmp/ostiform-compare")
 COLUMNS: Mapping[str, tuple[str, str]] = {
     "length": ("description length (truth)", "{length:.1f} ({true_length:.1f})"),
     "variance": ("variance mm² (truth)", "{variance:.2f} ({true_variance:.2f})"),
-    "divided": ("normal, tangential / truth", "{normal:.2f}, {tangential:.2f}"),
+    "divided": (
+        "normal (in true poses), tangential / truth",
+        "{normal:.2f} ({normal_posed:.2f}), {tangential:.2f}",
+    ),
     "error": ("error mm, mean / 95 %", "{error:.2f} / {error_95:.2f}"),
     "coverage": ("coverage mm, max / 95 %", "{coverage:.2f} / {coverage_95:.2f}"),
     "nearest": ("nearest point mm, max / 95 %", "{nearest:.2f} / {nearest_95:.2f}"),
@@ -225,6 +228,10 @@ def ratios_told(name: CaseName, by_method: Mapping[str, Sequence[Judged]]) -> It
         for field, title in RATIOS.items():
             ratios = [getattr(mine, field) / getattr(theirs, field) for mine, theirs in pairs]
             told.append(f"{title} {np.median(ratios):.3f} (worst {max(ratios):.3f})")
+        mine, theirs = (np.array(by_method[method][0].residues) for method in ("optimal", other))
+        if len(mine):
+            mean, worst = mine[1:].mean() / theirs[1:].mean(), (mine / theirs)[1:].max()
+            told.append(f"left-out residue {mean:.3f} (worst number of modes {worst:.3f})")
         size = name.subjects * name.phases
         yield f"- {name.family}, N = {size}, optimal over {other}: {', '.join(told)}"
 
@@ -317,7 +324,14 @@ def row(labels: Sequence[object], verdict: Verdict) -> str:
 def record(name: CaseName, poor: float, item: Judged) -> dict[str, object]:
     """Return everything measured about one method on one population."""
     numbers = {key: None if np.isnan(v) else v for key, v in asdict(item.verdict).items()}
-    return {**asdict(name), "poor_deg": poor, "method": item.method, **numbers, "parts": item.parts}
+    return {
+        **asdict(name),
+        "poor_deg": poor,
+        "method": item.method,
+        **numbers,
+        "parts": item.parts,
+        "residues": item.residues,
+    }
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from ostiform.correspondence import Correspondence, Yardstick
 from ostiform.correspondence.alignment import Alignment, align
 from ostiform.correspondence.description_length import description_length
 from ostiform.correspondence.sampling import pulled_back
+from ostiform.domain.procrustes import transformed
 from ostiform.evaluation import (
     cross_validated,
     distance_to_truth,
@@ -46,7 +47,10 @@ class Verdict:
         Description length, and that of the truth at the same points.
     variance, true_variance : float, mm^2
     normal, tangential : float
-        Variance across and along the surface, over the truth's at the same points.
+        Variance across and along the surface, over the truth's at the same points; each fitted to
+        its own mean.
+    normal_posed : float
+        As `normal`, both in the poses that fit the truth's points to their mean.
     error, error_95 : float, mm
         Distance to the true correspondence.
     coverage, coverage_95 : float, mm
@@ -70,6 +74,7 @@ class Verdict:
     true_variance: float
     normal: float
     tangential: float
+    normal_posed: float
     error: float
     error_95: float
     coverage: float
@@ -88,11 +93,12 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """A method's verdict, and its errors by part (mean, 95 %; mm)."""
+    """A method's verdict, its errors by part (mean, 95 %; mm), its residues by number of modes."""
 
     method: str
     verdict: Verdict
     parts: dict[str, tuple[float, float]]
+    residues: tuple[float, ...]
 
 
 def judged_once(
@@ -102,7 +108,8 @@ def judged_once(
 
     Costs are always the placement's own. Parameters as in `judged`.
     """
-    digest = hashlib.sha256(repr((case.name.folder, is_full, placement.method)).encode())
+    asked = (case.name.folder, is_full, placement.method, [field.name for field in fields(Verdict)])
+    digest = hashlib.sha256(repr(asked).encode())
     arrays = [case.poses, yardstick.template.points, yardstick.weights, placement.points]
     arrays += [] if placement.directions is None else [placement.directions]
     for fold, placed in placement.folds if is_full else ():
@@ -114,12 +121,13 @@ def judged_once(
     if not path.exists():
         path.parent.mkdir(exist_ok=True)
         item = judged(case, yardstick, placement, is_full)
-        path.write_text(json.dumps({"verdict": asdict(item.verdict), "parts": item.parts}))
+        path.write_text(json.dumps(asdict(item)))
     stored = json.loads(path.read_text())
     verdict = Verdict(**stored["verdict"])
     costs = {name: getattr(placement, name) for name in ("cpu_s", "wall_s", "memory_mb")}
     parts = {part: tuple(pair) for part, pair in stored["parts"].items()}
-    return Judged(placement.method, replace(verdict, **costs), parts)
+    residues = tuple(stored["residues"])
+    return Judged(placement.method, replace(verdict, **costs), parts, residues)
 
 
 def judged(
@@ -156,23 +164,25 @@ def judged(
         lambda shape, part, material: true_positions(case.truth, shape, part, material),
     )
     own = divided_variance(alignment.aligned, weights, template.faces)
-    true_length, true_normal, true_tangential = _true_spread(case, yardstick, placement.points)
+    true = _true_spread(case, yardstick, placement.points)
+    residues = _residues(case, placement) if with_folds and placement.folds else ()
     surface, nearest = _coverage(case, yardstick, placement.points)
     rims = _rim_distances(case, yardstick, placement.points)
     verdict = Verdict(
         length=description_length(alignment.aligned, weights, yardstick.l_cut),
-        true_length=true_length,
+        true_length=true.length,
         variance=own.total,
-        true_variance=true_normal + true_tangential,
-        normal=own.normal / true_normal,
-        tangential=own.tangential / true_tangential,
+        true_variance=true.normal + true.tangential,
+        normal=own.normal / true.normal,
+        tangential=own.tangential / true.tangential,
+        normal_posed=true.posed_normal / true.normal,
         error=truth.mean,
         error_95=truth.p95,
         coverage=surface[0],
         coverage_95=surface[1],
         nearest=nearest[0],
         nearest_95=nearest[1],
-        residue=_residue(case, placement) if with_folds and placement.folds else np.nan,
+        residue=float(np.mean(residues[1:])) if residues else np.nan,
         specificity=_specificity(case, yardstick, alignment) if with_folds else np.nan,
         rim=float(rims.max()),
         rim_mean=float(rims.mean()),
@@ -181,7 +191,7 @@ def judged(
         wall_s=placement.wall_s,
         memory_mb=placement.memory_mb,
     )
-    return Judged(placement.method, verdict, dict(truth.parts))
+    return Judged(placement.method, verdict, dict(truth.parts), residues)
 
 
 def summary(verdicts: Sequence[Verdict], kind: str) -> Verdict:
@@ -195,7 +205,7 @@ def summary(verdicts: Sequence[Verdict], kind: str) -> Verdict:
         values = values[~np.isnan(values)] if not np.isnan(values).all() else values
         if kind == "median":
             found[field.name] = float(np.median(values))
-        elif field.name in ("normal", "tangential"):
+        elif field.name in ("normal", "tangential", "normal_posed"):
             found[field.name] = float(values[np.abs(np.log(values)).argmax()])
         else:
             found[field.name] = float(values.max())
@@ -214,10 +224,21 @@ def _directions(case: Case, yardstick: Yardstick, points: FloatArray) -> FloatAr
     return found
 
 
-def _true_spread(
-    case: Case, yardstick: Yardstick, points: FloatArray
-) -> tuple[float, float, float]:
-    """Return description length and variances of the truth at a method's points, a mean."""
+@dataclass(frozen=True, slots=True)
+class _TrueSpread:
+    """The truth at a method's points: description length, variances (mm^2).
+
+    `posed_normal` is the normal variance of the method's own points in the truth's poses.
+    """
+
+    length: float
+    normal: float
+    tangential: float
+    posed_normal: float
+
+
+def _true_spread(case: Case, yardstick: Yardstick, points: FloatArray) -> _TrueSpread:
+    """Return what the truth has at a method's points; a mean over the shapes it starts from."""
     template, weights = yardstick.template, yardstick.weights
     found = []
     for index in np.unique(np.linspace(0, len(case.ids) - 1, REFERENCES).round().astype(int)):
@@ -229,12 +250,12 @@ def _true_spread(
             )
             for target, shape in enumerate(case.ids):
                 carried[target, chosen] = true_positions(case.truth, shape, name, material)
-        aligned = align(carried, weights, yardstick.alignment, yardstick.groups).aligned
-        divided = divided_variance(aligned, weights, template.faces)
-        length = description_length(aligned, weights, yardstick.l_cut)
-        found.append((length, divided.normal, divided.tangential))
-    length, normal, tangential = np.mean(found, axis=0)
-    return float(length), float(normal), float(tangential)
+        fit = align(carried, weights, yardstick.alignment, yardstick.groups)
+        divided = divided_variance(fit.aligned, weights, template.faces)
+        posed = divided_variance(transformed(points, fit.transforms), weights, template.faces)
+        length = description_length(fit.aligned, weights, yardstick.l_cut)
+        found.append((length, divided.normal, divided.tangential, posed.normal))
+    return _TrueSpread(*np.mean(found, axis=0).tolist())
 
 
 def _coverage(
@@ -280,7 +301,7 @@ def polyline_distances(points: FloatArray, polyline: FloatArray) -> FloatArray:
     return distances
 
 
-def _residue(case: Case, placement: Placement) -> float:
+def _residues(case: Case, placement: Placement) -> tuple[float, ...]:
     by_fold = dict(placement.folds)
     results = [
         fold_residues(
@@ -291,7 +312,7 @@ def _residue(case: Case, placement: Placement) -> float:
         for fold in by_fold
     ]
     found = cross_validated(folds_of(case), results)[placement.method]
-    return float(found.surface_mean[:, found.mode_counts > 0].mean())
+    return tuple(found.surface_mean.mean(axis=0).tolist())
 
 
 def _specificity(case: Case, yardstick: Yardstick, alignment: Alignment) -> float:

@@ -1,249 +1,215 @@
-"""Processor time and memory against the number of shapes: 36, 100, 300, 1,000 by default.
+"""Time and memory against the number of shapes: 36, 99, 297 and 1,008 by default.
 
-    python -m benchmarks.scaling FOLDER [--shapes 36 100 300 1000] [--workers 2]
-    python -m benchmarks.scaling FOLDER --shapes 300 --batches 150 75
+    python -m benchmarks.scaling FOLDER [--subjects 4 11 33 112] [--points 2500] [--workers 2]
+    python -m benchmarks.scaling FOLDER --subjects 33 --points 1000 --batches 150 75
+    python -m benchmarks.scaling FOLDER --large
 
-Reading and mapping a shape has nothing to do with the other shapes, so it is measured on 36
-generated atria. Populations of any size are these, each warped smoothly in space (a spatial warp
-of a mesh keeps its map valid), so that the correspondence and the model see N different shapes.
-FOLDER keeps what was made, so that a second run goes on. Memory is the proportional set size of
-all processes together, sampled once a second.
+Every shape is a generated atrium of its own (`benchmarks.populations`), meshed on its own grid;
+the smaller populations are the first subjects of the largest. Measured are the commands that a
+user runs, `ostiform embed` and then `ostiform model` (the same as the second alone), each in a
+fresh process with its workers. Memory is the proportional set size of all processes together,
+sampled once a second. FOLDER keeps the populations, not the results.
 """
 
 import argparse
+import csv
 import json
+import resource
+import shutil
 import subprocess
 import sys
-import threading
 import time
-from dataclasses import replace
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import psutil
 
 from benchmarks.populations import EDGES_MM, family
-from ostiform.correspondence import CorrespondenceSettings, correspond, sampler
-from ostiform.correspondence.build import yardstick_of_template
+from ostiform.correspondence import Correspondence
 from ostiform.correspondence.description_length import length_of_spectrum, spectrum
-from ostiform.correspondence.population_template import population_template
 from ostiform.correspondence.streamed_spectrum import streamed_length, streamed_spectrum
-from ostiform.domain import domain_from_json
-from ostiform.execution import Workers
-from ostiform.model import fit_model, mesh_of_template
-from ostiform.pipeline.arrays_file import read_embeddings
-from ostiform.pipeline.build import Stage, build_study
-from ostiform.pipeline.sampler_file import write_sampler
-from ostiform.pipeline.stored_shapes import StoredShape, StoredShapes
-from ostiform.study import ShapeId
+from ostiform.model import read_correspondence
 from ostiform.study.demonstration import write_population
 
 PHASES = 9
 SEED = 1
-BUMPS, BUMP_MM, SHIFT_MM = 8, 22.0, 1.2
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a command cost; `stages` are wall seconds as the command says itself."""
+
+    cpu_s: float
+    wall_s: float
+    peak_gb: float
+    stages: dict[str, float]
 
 
 def main() -> None:
-    """Measure every size in a process of its own and print the tables."""
+    """Measure what was asked for and print its table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--shapes", type=int, nargs="+", default=[36, 100, 300, 1000])
+    parser.add_argument("--subjects", type=int, nargs="+", default=[4, 11, 33, 112])
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--points", type=int, default=2500)
-    parser.add_argument("--one", type=int, help="measure this size alone, as JSON")
     parser.add_argument("--batches", type=int, nargs="+", help="compare these sizes with all")
     parser.add_argument("--large", action="store_true", help="decompose 10,000 shapes")
-    chosen = parser.parse_args()
-    if chosen.one is not None:
-        print(json.dumps(measured(chosen.folder, chosen.one, chosen.points, chosen.workers)))
-        return
-    if chosen.large:
+    asked = parser.parse_args()
+    if asked.large:
         print(json.dumps(decomposed()))
         return
-    print(json.dumps({"each of 36 shapes, CPU s": base(chosen.folder)}))
-    if chosen.batches:
-        for count in chosen.shapes:
-            for row in batched(chosen.folder, count, chosen.points, chosen.workers, chosen.batches):
-                print(json.dumps(row), flush=True)
-        return
-    rows = []
-    for count in chosen.shapes:
-        options = ["--one", str(count), "--points", str(chosen.points)]
-        run = subprocess.run(
-            [sys.executable, "-m", "benchmarks.scaling", str(chosen.folder), *options]
-            + ["--workers", str(chosen.workers)],
-            capture_output=True,
-            text=True,
-            check=True,
+    population(asked.folder, max(asked.subjects), asked.workers)
+    if asked.batches:
+        show_batches(asked)
+    else:
+        show_scaling(asked)
+
+
+def show_scaling(asked: argparse.Namespace) -> None:
+    """Print a row for every number of subjects, and the exponents."""
+    stages = ("prepare", "embed", "correspond", "model")
+    titles = ["N", "read and map, CPU s", "the rest, CPU s", "all, CPU s"]
+    titles += [f"{stage}, wall s" for stage in stages] + ["all, wall s", "peak GB"]
+    print(f"| {' | '.join(titles)} |\n|{'---|' * len(titles)}")
+    sizes, rows = [], []
+    for subjects in asked.subjects:
+        study = study_of(asked.folder, subjects, asked.points)
+        out = study.parent / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        mapped = run("embed", study, out, asked.workers)
+        modelled = run("model", study, out, asked.workers)
+        seconds = [mapped.stages[stage] for stage in stages[:2]]
+        seconds += [modelled.stages[stage] for stage in stages[2:]]
+        sizes.append(subjects * PHASES)
+        rows.append(
+            [mapped.cpu_s, modelled.cpu_s, mapped.cpu_s + modelled.cpu_s, *seconds]
+            + [mapped.wall_s + modelled.wall_s, max(mapped.peak_gb, modelled.peak_gb)]
         )
-        rows.append(json.loads(run.stdout.splitlines()[-1]))
-        print(json.dumps(rows[-1]), flush=True)
-    stages = list(rows[0]["cpu_s"])
-    print("| N | " + " | ".join(stages) + " | all, CPU s | wall s | peak GB |")
-    print("|---" * (len(stages) + 4) + "|")
-    for row in rows:
-        cells = [f"{row['cpu_s'][stage]:.1f}" for stage in stages]
-        total = sum(row["cpu_s"].values())
-        print(
-            f"| {row['shapes']} | {' | '.join(cells)} | {total:.1f} | {row['wall_s']:.0f} "
-            f"| {row['peak_gb']:.2f} |"
-        )
-    if len(rows) > 1:
-        sizes = np.log([row["shapes"] for row in rows])
-        for stage in [*stages, "all"]:
-            times = [
-                sum(r["cpu_s"].values()) if stage == "all" else r["cpu_s"][stage] for r in rows
-            ]
-            slope = np.polyfit(sizes, np.log(times), 1)[0]
-            print(f"exponent of {stage}: {slope:.2f}")
+        cells = [f"{value:.1f}" for value in rows[-1][:-1]]
+        print(f"| {sizes[-1]} | {' | '.join(cells)} | {rows[-1][-1]:.2f} |", flush=True)
+        shutil.rmtree(out)
+    if len(sizes) > 1:
+        slopes = np.polyfit(np.log(sizes), np.log(rows), 1)[0]
+        print(f"| exponent | {' | '.join(f'{slope:.2f}' for slope in slopes)} |")
 
 
-def base(folder: Path) -> dict[str, float]:
-    """Read and map 36 atria; return the processor seconds of each."""
-    study = folder / "base" / "study.toml"
-    if not study.is_file():
-        study = write_population(
-            folder / "base", family("atria", 4, PHASES, SEED), EDGES_MM["atria"]
-        )
-    before = time.process_time()
-    build_study(study, folder / "mapped", until=Stage.EMBED)
-    return {"read and map": round((time.process_time() - before) / 36, 3)}
-
-
-def measured(folder: Path, count: int, n_points: int, workers: int) -> dict[str, object]:
-    """Bring so many shapes into correspondence and fit their model, measuring."""
-    paths, ids, poses, domain = population(folder, count)
-    settings = CorrespondenceSettings(n_points=n_points)
-    memory = Memory()
-    clock, wall = {}, time.monotonic()
-    with Workers(workers) as pool, memory:
-        shapes = StoredShapes(tuple(StoredShape(path, None) for path in paths), domain, pool)
-        list(pool.each(_imported, [0.5] * workers))  # the processes start and import
-
-        def timed(stage, work):
-            before, result = tree_seconds(), work()
-            clock[stage] = tree_seconds() - before
-            return result
-
-        template = timed(
-            "template", lambda: population_template(shapes, domain, settings.n_points, poses)
-        )
-        yardstick = timed(
-            "weights", lambda: yardstick_of_template(shapes, ids, domain, template, settings)
-        )
-        trained = timed("sweeps", lambda: correspond(shapes, ids, yardstick, settings))
-        optimal = trained["optimal"].correspondence
-        model = timed(
-            "model",
-            lambda: fit_model(optimal.aligned, optimal.weights, mesh_of_template(template)),
-        )
-    return {
-        "shapes": count,
-        "points": len(template.points),
-        "cpu_s": {stage: round(seconds, 2) for stage, seconds in clock.items()},
-        "wall_s": round(time.monotonic() - wall, 1),
-        "peak_gb": round(memory.peak / 2**30, 3),
-        "sweeps": sum(record.sweep > 0 for record in trained["optimal"].history),
-        "strong_modes": len(trained["optimal"].eigenvalues),
-        "modes": len(model.modes),
-    }
-
-
-def batched(folder, count, n_points, workers, sizes):
-    """Yield how sweeps in batches end beside whole ones, and how the two decompositions agree."""
-    paths, ids, poses, domain = population(folder, count)
-    settings = CorrespondenceSettings(n_points=n_points)
-    with Workers(workers) as pool:
-        shapes = StoredShapes(tuple(StoredShape(path, None) for path in paths), domain, pool)
-        template = population_template(shapes, domain, n_points, poses)
-        yardstick = yardstick_of_template(shapes, ids, domain, template, settings)
-        whole = None
-        for size in (None, *sizes):
-            before = tree_seconds()
-            trained = correspond(shapes, ids, yardstick, replace(settings, batch=size))["optimal"]
-            spent = tree_seconds() - before
-            found = trained.correspondence
+def show_batches(asked: argparse.Namespace) -> None:
+    """Print how sweeps in batches end beside whole ones, and how the two decompositions agree."""
+    print("| N | batch | CPU s | sweeps | description length | points apart, mm |\n|" + "---|" * 6)
+    for subjects in asked.subjects:
+        study = study_of(asked.folder, subjects, asked.points)
+        out = study.parent / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        run("embed", study, out, asked.workers)
+        stated, whole = study.read_text(), None
+        for size in (None, *asked.batches):
+            study.write_text(stated + (f"\n[correspondence]\nbatch = {size}\n" if size else ""))
+            cost = run("model", study, out, asked.workers)
+            found = read_correspondence(out / "correspondence.h5")
+            facts = json.loads((out / "correspondence.json").read_text())
             whole = whole or found
-            exact = spectrum(found.aligned, yardstick.weights)
-            streamed = streamed_spectrum(
-                lambda aligned=found.aligned: (
-                    aligned[first : first + 50] for first in range(0, count, 50)
-                ),
-                yardstick.weights,
-                yardstick.l_cut,
-                np.random.default_rng(0),
+            gaps = np.linalg.norm(found.points - whole.points, axis=2) @ found.weights
+            sweeps = sum(record["sweep"] > 0 for record in facts["history"])
+            exact = spectrum(found.aligned, found.weights)
+            length = length_of_spectrum(exact.eigenvalues, facts["l_cut_mm2"])
+            print(
+                f"| {subjects * PHASES} | {size or 'all'} | {cost.cpu_s:.0f} | {sweeps} "
+                f"| {length:.1f} | {gaps.mean():.2f} |",
+                flush=True,
             )
-            strong = len(streamed.eigenvalues)
-            gaps = np.linalg.norm(found.points - whole.points, axis=2) @ yardstick.weights
-            yield {
-                "shapes": count,
-                "batch": size,
-                "CPU s": round(spent, 1),
-                "sweeps": sum(record.sweep > 0 for record in trained.history),
-                "description length": length_of_spectrum(exact.eigenvalues, yardstick.l_cut),
-                "streamed": streamed_length(streamed, yardstick.l_cut),
-                "largest relative error of eigenvalues": float(
-                    np.abs(streamed.eigenvalues / exact.eigenvalues[:strong] - 1.0).max()
-                ),
-                "points apart, mm": float(gaps.mean()),
-            }
+        print(decompositions_told(whole, facts["l_cut_mm2"]))
+        study.write_text(stated)
+        shutil.rmtree(out)
 
 
-def _imported(seconds: float) -> None:
-    """Do nothing for so long that every process gets one."""
-    time.sleep(seconds)
-
-
-def population(folder: Path, count: int):
-    """Return files, ids and poses of so many shapes: the 36, warped; files are kept."""
-    results = folder / "mapped"
-    domain = domain_from_json(json.loads((results / "domain.json").read_text("utf-8")))
-    poses = np.array(json.loads((results / "poses.json").read_text("utf-8")))
-    embedded = sorted((results / "embeddings").glob("*.npz"))
-    made = folder / "samplers"
-    made.mkdir(exist_ok=True)
-    paths, ids = [], []
-    samplers = {}
-    for index in range(count):
-        own = index % len(embedded)
-        path = made / f"{index:05d}.sampler"
-        if not path.is_file():
-            if own not in samplers:
-                samplers[own] = sampler(read_embeddings(embedded[own]), domain)
-            write_sampler(path, warped(samplers[own], np.random.default_rng([SEED, index])))
-        paths.append(path)
-        ids.append(ShapeId(f"S{index // PHASES}", f"{index % PHASES:02d}", own % PHASES / PHASES))
-    return paths, ids, poses[np.arange(count) % len(poses)], domain
-
-
-def warped(shape, rng):
-    """Return a shape carried along by a smooth displacement of space."""
-    vertices = shape.components[0].vertices
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    centers = rng.uniform(low, high, size=(BUMPS, 3))
-    shifts = rng.normal(scale=SHIFT_MM, size=(BUMPS, 3))
-    scale = rng.uniform(0.95, 1.05)
-
-    def moved(points):
-        squares = ((points[:, None] - centers) ** 2).sum(axis=2)
-        result = scale * points + np.exp(-0.5 * squares / BUMP_MM**2) @ shifts
-        result.flags.writeable = points.flags.writeable
-        return result
-
-    return replace(
-        shape,
-        components=tuple(
-            replace(
-                part,
-                vertices=moved(part.vertices),
-                curves={
-                    name: replace(curve, points=moved(curve.points))
-                    for name, curve in part.curves.items()
-                },
-            )
-            for part in shape.components
-        ),
+def decompositions_told(found: Correspondence, l_cut: float) -> str:
+    """Return how the exact and the streamed decomposition of shapes agree."""
+    exact = spectrum(found.aligned, found.weights)
+    streamed = streamed_spectrum(
+        lambda: (found.aligned[first : first + 50] for first in range(0, len(found.ids), 50)),
+        found.weights,
+        l_cut,
+        np.random.default_rng(0),
     )
+    strong = len(streamed.eigenvalues)
+    error = np.abs(streamed.eigenvalues / exact.eigenvalues[:strong] - 1.0).max()
+    lengths = streamed_length(streamed, l_cut), length_of_spectrum(exact.eigenvalues, l_cut)
+    return (
+        f"{strong} eigenvalues above the cut-off, streamed against exact: largest relative error "
+        f"{error:.1e}, of the description length {abs(lengths[0] / lengths[1] - 1.0):.1e}"
+    )
+
+
+def population(folder: Path, subjects: int, workers: int) -> None:
+    """Write the largest population, if it is not there."""
+    if (folder / "population" / "study.toml").is_file():
+        found = len(rows_of(folder)) // PHASES
+        if found < subjects:
+            raise SystemExit(
+                f"benchmarks.scaling: expected {subjects} subjects in {folder / 'population'}, "
+                f"found {found}: remove that folder"
+            )
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        truth = family("atria", subjects, PHASES, SEED)
+        write_population(folder / "population", truth, EDGES_MM["atria"], pool.map)
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "population" / "shapes.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def study_of(folder: Path, subjects: int, points: int) -> Path:
+    """Write a study of the first subjects and return its file."""
+    rows = rows_of(folder)[: subjects * PHASES]
+    study = folder / f"{len(rows)}x{points}" / "study.toml"
+    study.parent.mkdir(exist_ok=True)
+    with (study.parent / "shapes.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({**row, "LA": f"../population/{row['LA']}"} for row in rows)
+    stated = (folder / "population" / "study.toml").read_text(encoding="utf-8")
+    stated = stated.replace('"truth/', '"../population/truth/')
+    study.write_text(f"{stated}\n[template]\npoints = {points}\n", encoding="utf-8")
+    return study
+
+
+def run(command: str, study: Path, out: Path, workers: int) -> Cost:
+    """Run a command of Ostiform, measuring its processes all together."""
+    before, start = children_seconds(), time.monotonic()
+    with subprocess.Popen(
+        [sys.executable, "-m", "ostiform", command, str(study), "--output", str(out)]
+        + ["--workers", str(workers), "--quiet", "--json"],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        peak = 0
+        while process.poll() is None:
+            peak = max(peak, tree_bytes(psutil.Process(process.pid)))
+            time.sleep(1.0)
+        summary = json.load(process.stdout)
+    wall = time.monotonic() - start
+    return Cost(children_seconds() - before, wall, peak / 2**30, summary["seconds"])
+
+
+def children_seconds() -> float:
+    """Return the processor seconds of all children that have ended, and of theirs."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def tree_bytes(root: psutil.Process) -> int:
+    """Return the proportional set size of a process and its children."""
+    total = 0
+    try:
+        for process in (root, *root.children(recursive=True)):
+            total += process.memory_full_info().pss
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        pass  # ended meanwhile
+    return total
 
 
 def decomposed(count: int = 10_000, n_points: int = 640, rank: int = 150) -> dict[str, float]:
@@ -273,44 +239,6 @@ def decomposed(count: int = 10_000, n_points: int = 640, rank: int = 150) -> dic
         "modes": strong,
         "largest relative error": float(error),
     }
-
-
-def tree_seconds() -> float:
-    """Return the processor seconds of this process and its children so far."""
-    own = psutil.Process()
-    total = 0.0
-    for process in (own, *own.children(recursive=True)):
-        times = process.cpu_times()
-        total += times.user + times.system
-    return total
-
-
-class Memory(threading.Thread):
-    """Samples the proportional set size of this process and its children."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.peak = 0
-        self.ended = threading.Event()
-
-    def run(self):
-        own = psutil.Process()
-        while not self.ended.wait(1.0):
-            total = 0
-            for process in (own, *own.children(recursive=True)):
-                try:
-                    total += process.memory_full_info().pss
-                except psutil.NoSuchProcess:
-                    continue
-            self.peak = max(self.peak, total)
-
-    def __enter__(self):
-        self.start()
-        return self
-
-    def __exit__(self, *_):
-        self.ended.set()
-        self.join()
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ CLEAR_OF_OTHERS = 0.9
 
 # No point travels farther than this in one Runge-Kutta step (radians): a tenth of the narrowest
 # support, at which the error of a fourth-order step is below 1e-6 of it.
-LONGEST_SUBSTEP = 0.02
+LONGEST_SUBSTEP = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,7 +286,7 @@ def flow(
     fastest : float, optional
         The greatest speed at the start, if it is known; see `fastest_point`.
     steps : int, optional
-        Runge-Kutta steps; by default as many as keep each below 0.02 radians.
+        Runge-Kutta steps; by default as many as keep each below `LONGEST_SUBSTEP`.
 
     Returns
     -------

@@ -16,7 +16,6 @@ from ostiform.pipeline.events import Event, Note, Tell, Warn
 from ostiform.pipeline.folder import taken
 from ostiform.pipeline.model import model_shapes
 from ostiform.pipeline.prepare import Prepared, prepare_shapes
-from ostiform.pipeline.report import report_run
 from ostiform.pipeline.run import Failure, Run
 from ostiform.pipeline.store import Store, key_of
 from ostiform.pipeline.stored_shapes import remove_samplers
@@ -157,6 +156,8 @@ def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
             "evaluate", lambda: evaluate_models(run, prepared, embedded, corresponded)
         )
     if until >= Stage.REPORT:
+        from ostiform.pipeline.report import report_run  # slow to import, and needed here only
+
         clock.timed(
             "report",
             lambda: report_run(

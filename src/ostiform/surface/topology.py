@@ -6,8 +6,6 @@ vertices; only `oriented_outward` and `enclosed_volume` look at positions.
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components as graph_components
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import TopologyError
@@ -45,7 +43,7 @@ def half_edges(faces: IntArray) -> IntArray:
     (3F, 2) int64
         Row ``3 f + k`` is the half-edge of face f from its corner k to its corner k + 1.
     """
-    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)  # (3F, 2)
+    return np.stack([faces, faces[:, [1, 2, 0]]], axis=2).reshape(-1, 2)  # (3F, 2)
 
 
 def unique_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -61,10 +59,7 @@ def unique_edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         How many half-edges (so faces) use each edge: 1 on a boundary, 2 inside, more where the
         mesh is not manifold.
     """
-    directed = half_edges(faces)
-    low = np.minimum(directed[:, 0], directed[:, 1])
-    high = np.maximum(directed[:, 0], directed[:, 1])
-    edges, index, count = _grouped_edges(low, high, int(faces.max(initial=-1)) + 1)
+    edges, index, count, _ = _half_edges_by_edge(faces)
     return edges, index, count
 
 
@@ -89,9 +84,8 @@ def edge_faces(faces: IntArray) -> tuple[IntArray, IntArray]:
     TopologyError
         If an edge has three or more faces.
     """
-    edges, index, count = unique_edges(faces)
+    edges, _, count, order = _half_edges_by_edge(faces)
     _refuse_non_manifold_edges(edges, count)
-    order = np.argsort(index, kind="stable")
     start = np.concatenate([[0], np.cumsum(count)[:-1]]) if len(edges) else np.zeros(0, np.int64)
     owner = order // 3
     sides = np.full((len(edges), 2), -1, dtype=np.int64)
@@ -171,20 +165,16 @@ def connected_components(faces: IntArray) -> IntArray:
     Faces are connected through edges (not through single vertices). Labels count from 0 in the
     order of each piece's first face.
     """
-    _, index, count = unique_edges(faces)
-    order = np.argsort(index, kind="stable")
+    _, index, _, order = _half_edges_by_edge(faces)
     owner, edge = order // 3, index[order]
     joined = np.flatnonzero(edge[1:] == edge[:-1])
-    labels = graph_labels(owner[joined], owner[joined + 1], len(faces))
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[inverse.reshape(-1)]
+    return graph_labels(owner[joined], owner[joined + 1], len(faces))
 
 
 def euler_characteristic(faces: IntArray) -> int:
     """Return vertices - edges + faces, counting only vertices that a face uses."""
-    return len(np.unique(faces)) - len(unique_edges(faces)[0]) + len(faces)
+    n_vertices = int(referenced_vertices(faces, int(faces.max(initial=-1)) + 1).sum())
+    return n_vertices - len(unique_edges(faces)[0]) + len(faces)
 
 
 def genus(faces: IntArray) -> int:
@@ -214,8 +204,7 @@ def non_manifold_vertices(faces: IntArray) -> IntArray:
     Two fans that meet only at the vertex make it non-manifold; edges with three or more faces
     are reported by `non_manifold_edges`, not here.
     """
-    _, index, _ = unique_edges(faces)
-    order = np.argsort(index, kind="stable")
+    _, index, _, order = _half_edges_by_edge(faces)
     joined = np.flatnonzero(index[order][1:] == index[order][:-1])
     one, two = order[joined], order[joined + 1]  # half-edges of the same edge
     corner_count = faces.size
@@ -279,8 +268,7 @@ def consistently_oriented(faces: IntArray) -> IntArray:
     _, sides = edge_faces(faces)
     inner = sides[:, 1] >= 0
     neighbours = sides[inner]  # (n, 2)
-    _, index, _ = unique_edges(faces)
-    order = np.argsort(index, kind="stable")
+    _, index, _, order = _half_edges_by_edge(faces)
     joined = np.flatnonzero(index[order][1:] == index[order][:-1])
     start = faces.reshape(-1)
     same_direction = start[order[joined]] == start[order[joined + 1]]
@@ -311,7 +299,7 @@ def enclosed_volume(vertices: FloatArray, faces: IntArray) -> float:
     float
         In cubic units of the vertices.
     """
-    center = vertices[np.unique(faces)].mean(axis=0)
+    center = vertices[referenced_vertices(faces, len(vertices))].mean(axis=0)
     corners = vertices[faces] - center  # (F, 3, 3)
     volume = float(np.linalg.det(corners).sum())
     for loop in boundary_loops(faces):
@@ -352,10 +340,12 @@ def oriented_outward(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def graph_labels(one: IntArray, two: IntArray, count: int) -> IntArray:
-    """Return the label (count,) of the connected set of each item, from links (one, two)."""
-    links = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
-    _, labels = graph_components(links, directed=False)
-    return np.asarray(labels, dtype=np.int64)
+    """Return the label (count,) of the connected set of each item, from links (one, two).
+
+    Labels count from 0 in the order of each set's first item.
+    """
+    labels: IntArray = _labels_of_links(one, two, count)
+    return labels
 
 
 def _refuse_non_manifold_edges(edges: IntArray, count: IntArray) -> None:
@@ -368,9 +358,47 @@ def _refuse_non_manifold_edges(edges: IntArray, count: IntArray) -> None:
         )
 
 
+def _half_edges_by_edge(faces: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Return what `unique_edges` does, and the half-edges (3F,) in the order of their edges."""
+    directed = half_edges(faces)
+    low = np.minimum(directed[:, 0], directed[:, 1])
+    high = np.maximum(directed[:, 0], directed[:, 1])
+    edges, index, count, order = _grouped_edges(low, high, int(faces.max(initial=-1)) + 1)
+    return edges, index, count, order
+
+
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _grouped_edges(low: IntArray, high: IntArray, span: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Sort pairs (n,) below `span` by counting, twice; return distinct ones, index and count."""
+def _labels_of_links(one: IntArray, two: IntArray, count: int) -> IntArray:
+    """Join the sets of linked items, each known by its first item, then number the sets."""
+    parent = np.arange(count)
+    for k in range(len(one)):
+        a, b = one[k], two[k]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[max(a, b)] = min(a, b)
+    labels = np.empty(count, dtype=np.int64)
+    found = 0
+    for item in range(count):
+        if parent[item] == item:
+            labels[item] = found
+            found += 1
+        else:
+            labels[item] = labels[parent[item]]
+    return labels
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _grouped_edges(
+    low: IntArray, high: IntArray, span: int
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Sort pairs (n,) below `span` by counting, twice.
+
+    Return the distinct ones, the index of each, their count, and the pairs' order.
+    """
     n = len(low)
     order = np.empty(n, dtype=np.int64)
     start = np.zeros(span + 1, dtype=np.int64)
@@ -399,7 +427,7 @@ def _grouped_edges(low: IntArray, high: IntArray, span: int) -> tuple[IntArray, 
             edges[found, 1] = high[item]
         index[item] = found
         count[found] += 1
-    return edges[: found + 1].copy(), index, count[: found + 1].copy()
+    return edges[: found + 1].copy(), index, count[: found + 1].copy(), by_both
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
