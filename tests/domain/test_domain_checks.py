@@ -1,6 +1,7 @@
 """What the base domain refuses, and its form as JSON."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,17 +38,25 @@ def test_a_domain_survives_json_bit_for_bit(rng):
     other_holes = ConformalHoles(
         {"B.left": at(0, 0), "B.right": at(0, 90)}, {"B.left": 0.1, "B.right": 0.2}
     )
+    other_holes = replace(other_holes, up=np.array([0.6, 0.0, -0.8]))
     domain = lay_out(
         [[left_heart_outline()], [other]],
         [[holes], [other_holes]],
         circles={"LA.RSPV": CircleSetting(phase_deg=12.3)},
     )
+    np.testing.assert_allclose(domain.spheres[1].up, [0.6, 0.0, -0.8], atol=1e-12)
     record = json.loads(json.dumps(domain_to_json(domain)))
     back = domain_from_json(record)
     assert domain_to_json(back) == domain_to_json(domain)
     for one, two in zip(domain.spheres, back.spheres, strict=True):
         for name, circle in one.curves.items():
             np.testing.assert_array_equal(two.curves[name].center, circle.center)
+
+
+def test_a_record_without_up_means_the_north(rng):
+    record = domain_to_json(lay_out([[left_heart_outline()]], [[left_heart_holes(rng)]]))
+    del record["spheres"][0]["up"]
+    np.testing.assert_array_equal(domain_from_json(record).spheres[0].up, [0.0, 0.0, 1.0])
 
 
 def test_foreign_and_damaged_records_are_refused(rng):

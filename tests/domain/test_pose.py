@@ -202,3 +202,33 @@ def test_unusable_populations_are_refused():
     flat = Surface(np.ones((3, 3)), np.array([[0, 1, 2]]), {})
     with pytest.raises(InputError, match="positive area"):
         population_poses([shape(flat)])
+
+
+def bumpy(widths, seed):
+    """An ellipsoid with one hole and bumps of its own."""
+    vertices, faces = holed_sphere(1200, [([0.0, 0.0, 1.0], 0.5, 24)])
+    rng = np.random.default_rng(seed)
+    bumps = sum(np.sin(9.0 * vertices @ unit(rng.normal(size=3)) + rng.normal()) for _ in range(6))
+    body = vertices * [*widths, 40.0] * (1.0 + 0.03 * bumps[:, None])
+    return shape(Surface(body, faces, {"mitral": boundary_loops(faces)[0]}), f"s{seed}")
+
+
+def rotation_angles(poses):
+    return np.degrees(Rotation.from_matrix(poses.transforms[:, :3, :3]).magnitude())
+
+
+def test_an_ambiguous_shape_stays_as_its_file_has_it_where_the_files_share_a_frame():
+    shapes = [bumpy((32.0, 24.0), seed) for seed in range(6)]
+    ambiguous = bumpy((28.0, 28.0), 8)
+    turned = rotation_angles(population_poses([ambiguous, shapes[0]]))
+    assert turned.max() > 60.0  # one fit says nothing of a common frame
+    assert rotation_angles(population_poses([*shapes, ambiguous])).max() < 30.0
+
+
+def test_a_shape_that_was_turned_is_turned_back_though_the_others_share_a_frame():
+    shapes = [bumpy((36.0, 20.0), seed) for seed in range(6)]
+    quarter = np.eye(4)
+    quarter[:3, :3] = Rotation.from_rotvec([0.0, 0.0, np.pi / 2.0]).as_matrix()
+    angles = rotation_angles(population_poses([*shapes[:5], moved(shapes[5], quarter)]))
+    assert angles[:5].max() < 30.0
+    assert abs(angles[5] - 90.0) < 30.0

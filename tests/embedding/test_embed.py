@@ -180,6 +180,25 @@ def test_one_opening_is_turned_by_the_pose(small_atrium):
     np.testing.assert_allclose(again.directions, first.directions, atol=0.05)
 
 
+@pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+def test_shapes_with_one_opening_are_turned_alike_though_it_looks_down(axis):
+    """Their widths across the axis change places: positions seen from above would mislead."""
+    body = atrium(4.0)
+    tubes = tuple(replace(tube, is_open=tube.name == "mitral") for tube in body.tubes)
+    component = opened_component(replace(body, tubes=tubes), 3.0, relax=6)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation_about(axis, np.pi)
+    wide, deep = (
+        replace(component, vertices=component.vertices * widths)
+        for widths in ([1.25, 0.8, 1.0], [0.8, 1.25, 1.0])
+    )
+    holes = [conformal_holes(one, "LA.mitral", pose) for one in (wide, deep)]
+    (sphere,) = lay_out([[outlined(wide), outlined(deep)]], [holes], "LA.mitral").spheres
+    first, second = (embed(one, sphere, None, pose).directions for one in (wide, deep))
+    apart = np.degrees(np.arccos(np.clip((first * second).sum(axis=1), -1.0, 1.0)))
+    assert np.median(apart) < 20.0
+
+
 def test_a_closed_surface_is_turned_by_the_pose():
     body = atrium(3.0)
     tubes = tuple(replace(tube, is_open=False) for tube in body.tubes)

@@ -32,6 +32,7 @@ from ostiform.domain.touching_spheres import (
     touching_positions,
 )
 from ostiform.domain.types import (
+    NORTH,
     BaseDomain,
     Circle,
     ConformalHoles,
@@ -42,6 +43,7 @@ from ostiform.domain.types import (
 )
 
 __all__ = [
+    "NORTH",
     "BaseDomain",
     "Circle",
     "CircleSetting",

@@ -12,6 +12,7 @@ from ostiform.domain.checks import LEAST_GAP, angle_between
 from ostiform.domain.outline import LEAST_WIDE_RADIUS
 from ostiform.domain.regions import PartRegion
 from ostiform.domain.spread import Caps, azimuth_order, separated, violations
+from ostiform.domain.types import NORTH
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
@@ -25,8 +26,6 @@ LEAST_RADIUS = float(np.radians(1.5))
 # Factor of one round of shrinking where circles do not fit, and how far a gap may miss its goal.
 SHRINK = 0.9
 GAP_ROUNDING = 1e-7
-
-NORTH = np.array([0.0, 0.0, 1.0])
 
 
 def settled_caps(

@@ -10,7 +10,7 @@ from ostiform.domain.checks import cap_of_seam
 from ostiform.domain.circle_settings import CircleSetting
 from ostiform.domain.outline import MOST_WIDE_RADIUS, ComponentOutline, pole_circle
 from ostiform.domain.regions import PartRegion, far_part
-from ostiform.domain.types import Circle, ConformalHoles
+from ostiform.domain.types import NORTH, Circle, ConformalHoles
 from ostiform.errors import InputError
 from ostiform.surface import Seam, rotation_between
 
@@ -23,8 +23,6 @@ NARROW_RADIUS = float(np.radians(3.5))
 # A seam that leads to a further part gets the share of its region that the parts behind it have.
 LEAST_SEAM_RADIUS = float(np.radians(10.0))
 MOST_SEAM_RADIUS = float(np.radians(50.0))
-
-NORTH = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,13 +9,11 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.domain.checks import angle_between
 from ostiform.domain.touching_spheres import SeamSide, circle_from_part_sphere
-from ostiform.domain.types import Circle
+from ostiform.domain.types import NORTH, Circle
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
 __all__ = ["CircleSetting", "equator_phase", "own_settings"]
-
-NORTH = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

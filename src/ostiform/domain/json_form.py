@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from ostiform.domain.types import BaseDomain, Circle, Sphere
+from ostiform.domain.types import NORTH, BaseDomain, Circle, Sphere
 from ostiform.errors import ArtifactError, InputError
 from ostiform.surface import Seam
 
@@ -29,6 +29,7 @@ def domain_to_json(domain: BaseDomain) -> dict[str, Any]:
                 "handles": [
                     {"first": seam.first, "second": seam.second} for seam in sphere.handles
                 ],
+                "up": [float(x) for x in sphere.up],
             }
             for sphere in domain.spheres
         ],
@@ -82,4 +83,5 @@ def _sphere_from_json(record: Mapping[str, Any]) -> Sphere:
         },
         pole=None if pole is None else str(pole),
         handles=tuple(Seam(str(seam["first"]), str(seam["second"])) for seam in record["handles"]),
+        up=record.get("up", NORTH),
     )

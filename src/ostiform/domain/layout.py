@@ -9,20 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from ostiform.arrays import FloatArray
 from ostiform.domain.cap_spread import settled_caps
 from ostiform.domain.cap_start import CapDraft, started_caps
 from ostiform.domain.checks import check_sphere
 from ostiform.domain.circle_settings import CircleSetting, equator_phase, own_settings
 from ostiform.domain.outline import ComponentOutline, chosen_pole
 from ostiform.domain.regions import equator_seam, far_part, handle_seams, part_regions
-from ostiform.domain.types import BaseDomain, Circle, ConformalHoles, Sphere
+from ostiform.domain.types import NORTH, BaseDomain, Circle, ConformalHoles, Sphere
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 from ostiform.surface.sphere import normalised
 
 __all__ = ["lay_out", "radius_candidates"]
-
-NORTH = np.array([0.0, 0.0, 1.0])
 
 DECIMALS = 9
 
@@ -182,6 +181,7 @@ def _sphere(
         seams=placed_seams,
         pole=pole,
         handles=handles,
+        up=_mean_direction([own.up for own in positions]),
     )
     check_sphere(sphere)
     return sphere
@@ -199,6 +199,13 @@ def _rounded(draft: CapDraft) -> CapDraft:
         },
         radii={name: round(radius, DECIMALS) for name, radius in draft.radii.items()},
     )
+
+
+def _mean_direction(directions: Sequence[FloatArray]) -> FloatArray:
+    """Return the direction of the sum, to a billionth as above; +z if there is none."""
+    total = np.round(np.sum(directions, axis=0), DECIMALS) if len(directions) else NORTH
+    length = float(np.linalg.norm(total))
+    return total / length if length > 0.0 else NORTH
 
 
 def _tied(draft: CapDraft, handles: Sequence[Seam]) -> CapDraft:

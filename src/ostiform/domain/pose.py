@@ -19,7 +19,13 @@ from ostiform.domain.procrustes import (
     superposed,
     weighted_norms,
 )
-from ostiform.domain.surface_fit import SurfaceSample, fitted_rotation, sampled_surface
+from ostiform.domain.surface_fit import (
+    SurfaceFit,
+    SurfaceSample,
+    fitted_rotation,
+    sampled_surface,
+    unturned_fit,
+)
 from ostiform.errors import InputError
 from ostiform.study import Shape, ShapeId
 from ostiform.surface import Surface
@@ -41,6 +47,14 @@ COLLINEAR_BELOW = 0.05
 # A shape is reported as mirrored when allowing a reflection would shrink its distance to the
 # reference to less than this: shapes of one population fit worse when they are mirrored.
 MIRRORED_BELOW = 0.6
+
+# Nearly round surfaces can fit as well or better turned away. Where at least half of the shapes fit
+# within the first angle of how their files have them (less than 1 % do by chance), the files share
+# a frame: a shape turned by more than the second angle then stays unturned if that fits at most so
+# many times worse.
+SHARED_BELOW = np.radians(30.0)
+TURNED_ABOVE = np.radians(60.0)
+AMBIGUOUS_BELOW = 1.6
 
 # Relative difference below which two shapes count as equally good references.
 TIE = 1e-9
@@ -126,10 +140,11 @@ def population_poses(shapes: Sequence[Shape]) -> PopulationPoses:
     """Return the rigid transforms that bring the shapes of a population into one frame.
 
     Weighted generalised Procrustes analysis of the landmarks (`landmarks`), then, if they lie in
-    a point or on a line, a fit of the surfaces to the medoid's from 24 starting rotations. The
-    time grows linearly with the number of shapes. Moving one input rigidly changes only its own
-    transform (and, if it is the reference, the common frame); the order of the shapes does not
-    matter.
+    a point or on a line, a fit of the surfaces to the medoid's from 24 starting rotations; where
+    most of these say that the files share a frame, the few shapes that would be turned away from
+    it on weak evidence are not. The time grows linearly with the number of shapes. But for those
+    few, moving one input rigidly changes only its own transform (and, if it is the reference, the
+    common frame); the order of the shapes does not matter.
 
     Parameters
     ----------
@@ -278,6 +293,7 @@ def _posed_by_surfaces(
         )
         for index, sample in enumerate(samples)
     ]
+    fits = _kept_to_shared_frame(fits, samples, reference)
     rotations = np.array([fit.rotation for fit in fits])
     rotations[reference] = np.eye(3)
     transforms = homogeneous(rotations, [fit.translation for fit in fits])
@@ -287,6 +303,28 @@ def _posed_by_surfaces(
     mirrored = np.array([fit.reflected_residual < MIRRORED_BELOW * fit.residual for fit in fits])
     mirrored[reference] = False
     return PopulationPoses(transforms, mirrored, residuals, reference, method)
+
+
+def _kept_to_shared_frame(
+    fits: Sequence[SurfaceFit], samples: Sequence[SurfaceSample], reference: int
+) -> list[SurfaceFit]:
+    """Return the fits, ambiguous ones as their files have them if those share a frame."""
+    angles = np.array([_angle(fit.rotation) for fit in fits])
+    kept = list(fits)
+    if len(fits) < 2 or np.median(np.delete(angles, reference)) > SHARED_BELOW:
+        return kept
+    for index in np.flatnonzero(angles > TURNED_ABOVE).tolist():
+        translation, residual = unturned_fit(samples[index], samples[reference])
+        if index != reference and residual <= AMBIGUOUS_BELOW * fits[index].residual:
+            kept[index] = SurfaceFit(
+                np.eye(3), translation, residual, fits[index].reflected_residual
+            )
+    return kept
+
+
+def _angle(rotation: FloatArray) -> float:
+    """Return the angle of a rotation matrix (3, 3), radians."""
+    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
 
 
 def _axes(centred: FloatArray) -> FloatArray:

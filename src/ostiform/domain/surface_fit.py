@@ -16,7 +16,7 @@ from ostiform.domain.procrustes import best_rotations
 from ostiform.errors import InputError
 from ostiform.surface import Surface
 
-__all__ = ["SurfaceFit", "SurfaceSample", "fitted_rotation", "sampled_surface"]
+__all__ = ["SurfaceFit", "SurfaceSample", "fitted_rotation", "sampled_surface", "unturned_fit"]
 
 N_SAMPLES = 600
 COARSE_POINTS = 75
@@ -161,6 +161,13 @@ def fitted_rotation(
     )
     translation = fixed.centroid + shift - rotation @ moving.centroid
     return SurfaceFit(rotation, translation, residual, reflected_residual)
+
+
+def unturned_fit(moving: SurfaceSample, fixed: SurfaceSample) -> tuple[FloatArray, float]:
+    """Return the translation (3,) that lays one centroid on the other, and its residual, mm."""
+    start = np.eye(3), np.zeros(3)
+    _, _, residual = _refined(moving.points, moving.normals, fixed, start, 0)
+    return fixed.centroid - moving.centroid, residual
 
 
 def _turns_about(

@@ -1,7 +1,7 @@
 """The base domain: unit spheres, the circles of the ostia on them, and the seams (HY 2.1)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ostiform.arrays import (
 from ostiform.surface import Seam
 
 __all__ = [
+    "NORTH",
     "BaseDomain",
     "Circle",
     "ConformalHoles",
@@ -23,6 +24,8 @@ __all__ = [
     "TemplateLevel",
     "tangent_frame",
 ]
+
+NORTH = frozen_floats([0.0, 0.0, 1.0], (3,), "north")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,6 +103,8 @@ class Sphere:
         seam); None for a closed component.
     handles : tuple of Seam
         Pairs of `rims` that are the two sides of one cut through a handle.
+    up : (3,) float64
+        Unit vector in the population's common pose that +z of the sphere stands for.
     """
 
     name: str
@@ -108,11 +113,13 @@ class Sphere:
     seams: Mapping[Seam, Circle]
     pole: str | None
     handles: tuple[Seam, ...] = ()
+    up: FloatArray = field(default_factory=lambda: NORTH)
 
     def __post_init__(self) -> None:
-        """Make the mappings read-only."""
+        """Make mappings and direction read-only."""
         object.__setattr__(self, "rims", frozen_mapping(self.rims))
         object.__setattr__(self, "seams", frozen_mapping(self.seams))
+        object.__setattr__(self, "up", frozen_floats(self.up, (3,), "up"))
 
     @property
     def curves(self) -> Mapping[str, Circle]:
@@ -226,13 +233,18 @@ class ConformalHoles:
         Unit vector of each hole's centre, by curve name (rims except the pole, further seams).
     radii : mapping of str to float
         Angular radius of each hole, radians.
+    up : (3,) float64
+        Unit vector in the population's common pose, from the surface's centroid, in which the map's
+        +z lies.
     """
 
     directions: Mapping[str, FloatArray]
     radii: Mapping[str, float]
+    up: FloatArray = field(default_factory=lambda: NORTH)
 
     def __post_init__(self) -> None:
-        """Make the mappings read-only."""
+        """Make mappings and direction read-only."""
+        object.__setattr__(self, "up", frozen_floats(self.up, (3,), "up"))
         object.__setattr__(
             self,
             "directions",

@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.optimize import least_squares
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.domain import Circle, ConformalHoles, Sphere
+from ostiform.domain import NORTH, Circle, ConformalHoles, Sphere
 from ostiform.embedding.disc import (
     ComplexArray,
     Disc,
@@ -23,8 +23,6 @@ from ostiform.surface.operators import corner_cotangents, vertex_areas
 from ostiform.surface.sphere import inverse_stereographic
 
 __all__ = ["conformal_holes"]
-
-NORTH = np.array([0.0, 0.0, 1.0])
 
 # A further seam's disc is shown at least and at most this wide, radians: the conformal radius of
 # its hole is exponentially small, and openings within it would fall on one point.
@@ -101,7 +99,9 @@ def conformal_holes(component: Component, pole: str | None, pose: FloatArray) ->
                 map_[part.vertices[hole.loop]] = ring.points(ring.angles(image[hole.loop]))
     moments = posed_moments(component.vertices, component.faces, map_, pose)
     turn = best_turn(moments)
-    return ConformalHoles({name: turn @ center for name, center in directions.items()}, radii)
+    turned = {name: turn @ center for name, center in directions.items()}
+    along = moments[:, 2]  # where the surface lies as +z of the map grows
+    return ConformalHoles(turned, radii, along / np.linalg.norm(along))
 
 
 def _nominal_sphere(component: Component, pole: str | None) -> Sphere:

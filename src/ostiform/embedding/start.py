@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.domain import Circle, Sphere
+from ostiform.domain import NORTH, Circle, Sphere
 from ostiform.embedding.disc import pole_frame
 from ostiform.embedding.opening import opened_disc
 from ostiform.embedding.parts import part_discs
@@ -14,7 +14,7 @@ from ostiform.embedding.pose_fit import best_turn, posed_moments
 from ostiform.embedding.rims import rims_turned
 from ostiform.embedding.types import EmbeddingState
 from ostiform.embedding.untangle import untangled
-from ostiform.surface import Component, count_flipped, spherical_areas
+from ostiform.surface import Component, count_flipped, rotation_between, spherical_areas
 
 __all__ = ["StartingMap", "on_curves", "snapped", "starting_map", "state"]
 
@@ -95,8 +95,9 @@ def starting_map(component: Component, sphere: Sphere, pose: FloatArray) -> Star
         turn = np.eye(3)
         if part.parent is None and not part.disc.holes:
             frame = pole_frame(part.disc.outer.circle)
+            upright = rotation_between(sphere.up, NORTH)
             moments = posed_moments(part.disc.vertices, part.disc.faces, result.arc_length, pose)
-            turn = frame.T @ best_turn(frame @ moments @ frame.T) @ frame
+            turn = frame.T @ best_turn(frame @ upright @ moments @ frame.T) @ frame
         new = ~placed[part.vertices]
         fresh = part.vertices[new]
         tutte[fresh] = result.tutte[new] @ turn.T

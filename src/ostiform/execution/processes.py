@@ -107,9 +107,10 @@ class Workers:
                 n_broken += 1
                 if n_finished == 0 and n_broken >= FRUITLESS_POOLS:
                     raise OstiformError(
-                        f"expected worker processes to finish, found that they were killed "
-                        f"{n_broken} times with {len(items)} items open (out of memory?); run "
-                        "again with fewer workers"
+                        f"expected worker processes to finish, found that they ended {n_broken} "
+                        f"times with {len(items)} items open (out of memory, or a script that "
+                        'starts them outside of `if __name__ == "__main__":`?); run again with '
+                        "fewer workers"
                     ) from None
                 if suspect is None:
                     alone.update(under_way)

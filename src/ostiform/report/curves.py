@@ -163,7 +163,7 @@ def _short(name: str) -> str:
 def convergence_figure(
     seconds: FloatArray, objective: FloatArray, levels: FloatArray, unit: str
 ) -> Figure:
-    """Draw the objective against time, one colour per level.
+    """Draw the objective against time, one colour and marker per level.
 
     Parameters
     ----------
@@ -177,17 +177,11 @@ def convergence_figure(
         axes = drawing.subplots()
         for index, level in enumerate(np.unique(levels)):
             chosen = levels == level
-            colour = PART_COLOURS[index % len(PART_COLOURS)]
-            axes.plot(
-                seconds[chosen],
-                objective[chosen],
-                color=colour,
-                marker=".",
-                label=f"level {int(level)}",
-            )
+            look = _marked_line(index)
+            axes.plot(seconds[chosen], objective[chosen], label=f"level {int(level)}", **look)
         axes.set_xlabel("time (s)")
         axes.set_ylabel(unit)
-        axes.legend()
+        drawing.legend(loc="outside right upper")
     return drawing
 
 
@@ -263,9 +257,14 @@ def volumes_figure(curves: Sequence[VolumeCurve]) -> Figure:
 
 
 def _look(index: int, count: int) -> dict[str, Any]:
-    """Line of one of several subjects: colour and marker tell them apart, in print too."""
+    """Line of one of several subjects; many of them are not told apart."""
     if count > LABELLED_SUBJECTS:
         return {"color": PART_COLOURS[5], "linewidth": 0.8, "alpha": 0.6}
+    return _marked_line(index)
+
+
+def _marked_line(index: int) -> dict[str, Any]:
+    """One of several lines: colour and marker tell them apart, in print too."""
     return {
         "color": SUBJECT_COLOURS[index % len(SUBJECT_COLOURS)],
         "marker": MARKERS[index % len(MARKERS)],
