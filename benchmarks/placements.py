@@ -147,7 +147,7 @@ def _ours(task: Task, case: Case, settings: CorrespondenceSettings) -> tuple[Pla
         first.append(record)
 
     first: list[SweepRecord] = []
-    yardstick = case.yardstick()
+    yardstick = replace(case, settings=settings).yardstick()
     trained = correspond(case.samplers, case.ids, yardstick, settings, watch)
     costs["conformal"] = tuple(
         max(value - cut, 0.0)

@@ -204,3 +204,16 @@ def test_the_batches_of_a_sweep_hold_every_shape_once():
     assert sorted(index for batch in batches for index in batch) == list(range(10))
     assert sweep_batches(10, 4, rng) != batches
     assert sweep_batches(10, None, rng) == (tuple(range(10)),)
+
+
+def test_after_a_poor_start_the_finest_level_is_done_once_more_with_new_control_points(monkeypatch):
+    monkeypatch.setattr(hierarchy, "LONGEST", np.inf)
+    monkeypatch.setattr(hierarchy, "POOR_START", np.inf)
+    settings = replace(SETTINGS, levels=2, sweeps=2)
+    _, trained = placed_well(settings, 0.2)
+    optimal = trained["optimal"]
+    assert len(optimal.levels) == len(optimal.statuses) == len(optimal.forms) == 3
+    before, after = (level.basis for level in optimal.levels[-2:])
+    assert len(before) == len(after)
+    assert np.abs(before.numbers - after.numbers).max() > 0.0
+    assert optimal.coherence == settings.coherence

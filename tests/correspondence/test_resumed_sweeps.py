@@ -46,7 +46,8 @@ def test_every_sweep_is_kept_and_the_last_of_each_level_has_a_status(run):
     assert [state.records[-1] for state in states] == swept
     ends = [state.status for state in begun_at(states, len(states))]
     assert tuple(ends) == trained["optimal"].statuses
-    assert sum(state.status is not None for state in states) == 3
+    # Three levels and, as the start is poor, the finest once more.
+    assert sum(state.status is not None for state in states) == 4
 
 
 def test_a_run_goes_on_from_every_sweep_to_the_same_result(run):

@@ -70,9 +70,12 @@ __all__ = [
     "sweep_batches",
 ]
 
-# The finest level is done again, at most so often, with this share of the coherence, until the
-# description is not longer than this share of the conformal start's.
-REPEATS, RELIEF, LONGEST = 5, 0.6, 0.995
+# The finest level is done again at most so often: once, with its control points placed anew on the
+# mean surface, where the description is shorter than this share of the conformal start's, which was
+# poor then and its mean misleading;
+REPEATS, POOR_START = 5, 0.86
+# and, with this share of the coherence each time, until it is not longer than this share of it.
+RELIEF, LONGEST = 0.6, 0.995
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,6 +222,8 @@ def optimal_levels(
     The cut-off is annealed over the levels: see `annealed_cut_offs`. Where the points of the
     finest level describe the shapes at greater length than those of the conformal start did,
     coherence has moved them against what the shapes say: the level is done again with less of it.
+    Where they describe them far shorter, the mean surface has moved since the control points were
+    placed on it: the level is done again with new ones.
     """
     settings = problem.settings
     rng = np.random.default_rng(settings.seed)
@@ -233,8 +238,14 @@ def optimal_levels(
             l_cut = cut_offs[number - 2]
             interior = insert_interior(interior, problem.coarse, mean_shape, number)
             boundary = boundary_control_points(problem.circles, number)
-        elif results and strength > 0.0 and _is_too_long(problem, population):
+        elif not results:
+            break
+        elif strength > 0.0 and _length_over_start(problem, population) > LONGEST:
             strength *= RELIEF
+        elif number == settings.levels + 1 and _length_over_start(problem, population) < POOR_START:
+            interior = no_control_points()
+            for level in range(2, settings.levels + 1):
+                interior = insert_interior(interior, problem.coarse, mean_shape, level)
         else:
             break
         if number in journal.begun:
@@ -255,9 +266,10 @@ def optimal_levels(
     return tuple(results)
 
 
-def _is_too_long(problem: Problem, population: Population) -> bool:
+def _length_over_start(problem: Problem, population: Population) -> float:
+    """Return the description length of a population over that of the conformal start."""
     length = description_length(population.aligned, problem.weights, problem.l_cut)
-    return length > LONGEST * problem.start_length
+    return length / problem.start_length
 
 
 def annealed_cut_offs(l_cut: float, variance: float, levels: int) -> tuple[float, ...]:

@@ -225,6 +225,7 @@ def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> N
                 n_interior,
                 n_boundary,
                 max(len(facts["statuses"]) - facts["settings"]["levels"], 0),
+                facts["coherence"] < facts["settings"]["coherence"],
             ),
             run_section(
                 _run_facts(store, record, domain, facts),

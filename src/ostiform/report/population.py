@@ -162,9 +162,14 @@ def template_section(correspondence: Correspondence, evaluation: Evaluation) -> 
     )
 
 
-def _repeated(repeats: int) -> tuple[str, ...]:
+def _repeated(repeats: int, is_weaker: bool) -> tuple[str, ...]:
     if repeats == 0:
         return ()
+    if not is_weaker:
+        return (
+            "The finest level was done again with its control points placed anew, because the "
+            "conformal start was poor: the shapes were described far shorter than by it.",
+        )
     times = "once" if repeats == 1 else f"{repeats} times"
     return (
         f"The finest level was done again {times}, each time with weaker coherence, because the "
@@ -178,6 +183,7 @@ def correspondence_section(
     n_interior: int,
     n_boundary: int,
     repeats: int,
+    is_weaker: bool,
 ) -> Section:
     """Return how the optimisation went.
 
@@ -190,7 +196,9 @@ def correspondence_section(
     n_interior, n_boundary : int
         Control points of the finest level.
     repeats : int
-        How often the finest level was done again with weaker coherence.
+        How often the finest level was done again.
+    is_weaker : bool
+        Whether that was with weaker coherence, not from a poor start.
     """
     seconds = np.cumsum([record["seconds"] for record in history])
     levels = np.array([record["level"] for record in history], dtype=float)
@@ -227,7 +235,7 @@ def correspondence_section(
         (
             f"{n_interior} control points in the interior and {n_boundary} on the boundaries "
             "(the paper ends with 10, those on the boundaries not counted).",
-            *_repeated(repeats),
+            *_repeated(repeats, is_weaker),
         ),
         tuple(pictures),
         (Table("How each level ended", ("level", "sweeps", "ended because"), rows, texts=(2,)),),
