@@ -70,12 +70,14 @@ __all__ = [
     "sweep_batches",
 ]
 
-# The finest level is done again at most so often: once, with its control points placed anew on the
-# mean surface, where the description is shorter than this share of the conformal start's, which was
-# poor then and its mean misleading;
-REPEATS, POOR_START = 5, 0.86
-# and, with this share of the coherence each time, until it is not longer than this share of it.
-RELIEF, LONGEST = 0.6, 0.995
+REPEATS = 5
+"""How often the finest level is done again at most."""
+
+LONGEST, RELIEF = 0.995, 0.6
+"""Above this share of the conformal start's description length it is, with so much coherence."""
+
+POOR_START = 0.86
+"""Below this share it is, once: the start was poor, and so the mean that points were placed on."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,14 +242,16 @@ def optimal_levels(
             boundary = boundary_control_points(problem.circles, number)
         elif not results:
             break
-        elif strength > 0.0 and _length_over_start(problem, population) > LONGEST:
-            strength *= RELIEF
-        elif number == settings.levels + 1 and _length_over_start(problem, population) < POOR_START:
-            interior = no_control_points()
-            for level in range(2, settings.levels + 1):
-                interior = insert_interior(interior, problem.coarse, mean_shape, level)
         else:
-            break
+            share = _length_over_start(problem, population)
+            if strength > 0.0 and share > LONGEST:
+                strength *= RELIEF
+            elif number == settings.levels + 1 and share < POOR_START:
+                interior = no_control_points()
+                for level in range(2, settings.levels + 1):
+                    interior = insert_interior(interior, problem.coarse, mean_shape, level)
+            else:
+                break
         if number in journal.begun:
             for _ in range(journal.begun[number].sweeps):
                 rng.permutation(len(problem.shapes))  # drawn by the sweeps of the earlier run
