@@ -228,10 +228,18 @@ def ratios_told(name: CaseName, by_method: Mapping[str, Sequence[Judged]]) -> It
         for field, title in RATIOS.items():
             ratios = [getattr(mine, field) / getattr(theirs, field) for mine, theirs in pairs]
             told.append(f"{title} {np.median(ratios):.3f} (worst {max(ratios):.3f})")
-        mine, theirs = (np.array(by_method[method][0].residues) for method in ("optimal", other))
+        mine, theirs = (
+            np.array([item.residues[1:] for item in by_method[method] if item.residues])
+            for method in ("optimal", other)
+        )  # (seeds, modes)
         if len(mine):
-            mean, worst = mine[1:].mean() / theirs[1:].mean(), (mine / theirs)[1:].max()
-            told.append(f"left-out residue {mean:.3f} (worst number of modes {worst:.3f})")
+            means = mine.mean(axis=1) / theirs.mean(axis=1)
+            pooled = mine.mean(axis=0) / theirs.mean(axis=0)
+            told.append(f"left-out residue {np.median(means):.3f} (worst {means.max():.3f})")
+            told.append(
+                f"at the worst number of modes {pooled.max():.3f} "
+                f"(of one population {(mine / theirs).max():.3f})"
+            )
         size = name.subjects * name.phases
         yield f"- {name.family}, N = {size}, optimal over {other}: {', '.join(told)}"
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ostiform.arrays import BoolArray, FloatArray, frozen_floats
 from ostiform.domain.procrustes import (
@@ -309,7 +310,7 @@ def _kept_to_shared_frame(
     fits: Sequence[SurfaceFit], samples: Sequence[SurfaceSample], reference: int
 ) -> list[SurfaceFit]:
     """Return the fits, ambiguous ones as their files have them if those share a frame."""
-    angles = np.array([_angle(fit.rotation) for fit in fits])
+    angles = Rotation.from_matrix([fit.rotation for fit in fits]).magnitude()
     kept = list(fits)
     if len(fits) < 2 or np.median(np.delete(angles, reference)) > SHARED_BELOW:
         return kept
@@ -320,11 +321,6 @@ def _kept_to_shared_frame(
                 np.eye(3), translation, residual, fits[index].reflected_residual
             )
     return kept
-
-
-def _angle(rotation: FloatArray) -> float:
-    """Return the angle of a rotation matrix (3, 3), radians."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
 
 
 def _axes(centred: FloatArray) -> FloatArray:

@@ -165,10 +165,8 @@ def connected_components(faces: IntArray) -> IntArray:
     Faces are connected through edges (not through single vertices). Labels count from 0 in the
     order of each piece's first face.
     """
-    _, index, _, order = _half_edges_by_edge(faces)
-    owner, edge = order // 3, index[order]
-    joined = np.flatnonzero(edge[1:] == edge[:-1])
-    return graph_labels(owner[joined], owner[joined + 1], len(faces))
+    one, two = _joined_half_edges(faces)
+    return graph_labels(one // 3, two // 3, len(faces))
 
 
 def euler_characteristic(faces: IntArray) -> int:
@@ -204,9 +202,7 @@ def non_manifold_vertices(faces: IntArray) -> IntArray:
     Two fans that meet only at the vertex make it non-manifold; edges with three or more faces
     are reported by `non_manifold_edges`, not here.
     """
-    _, index, _, order = _half_edges_by_edge(faces)
-    joined = np.flatnonzero(index[order][1:] == index[order][:-1])
-    one, two = order[joined], order[joined + 1]  # half-edges of the same edge
+    one, two = _joined_half_edges(faces)
     corner_count = faces.size
     following = np.roll(np.arange(corner_count).reshape(-1, 3), -1, axis=1).reshape(-1)
     vertex = faces.reshape(-1)
@@ -268,10 +264,9 @@ def consistently_oriented(faces: IntArray) -> IntArray:
     _, sides = edge_faces(faces)
     inner = sides[:, 1] >= 0
     neighbours = sides[inner]  # (n, 2)
-    _, index, _, order = _half_edges_by_edge(faces)
-    joined = np.flatnonzero(index[order][1:] == index[order][:-1])
+    one, two = _joined_half_edges(faces)
     start = faces.reshape(-1)
-    same_direction = start[order[joined]] == start[order[joined + 1]]
+    same_direction = start[one] == start[two]
     flip, is_orientable = _propagated_flips(neighbours, same_direction, len(faces))
     if not is_orientable:
         raise TopologyError(
@@ -365,6 +360,14 @@ def _half_edges_by_edge(faces: IntArray) -> tuple[IntArray, IntArray, IntArray, 
     high = np.maximum(directed[:, 0], directed[:, 1])
     edges, index, count, order = _grouped_edges(low, high, int(faces.max(initial=-1)) + 1)
     return edges, index, count, order
+
+
+def _joined_half_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Return pairs (one, two) of half-edges of the same edge, in the order of the edges."""
+    _, index, _, order = _half_edges_by_edge(faces)
+    edge = index[order]
+    joined = np.flatnonzero(edge[1:] == edge[:-1])
+    return order[joined], order[joined + 1]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
