@@ -26,6 +26,8 @@ from ostiform.correspondence import (
     build_yardstick,
     sampler,
 )
+from ostiform.demo.demonstration import write_population
+from ostiform.demo.truth import Truth, read_truth
 from ostiform.domain import BaseDomain, domain_from_json
 from ostiform.embedding import Embedding
 from ostiform.evaluation import OriginalMesh
@@ -34,8 +36,6 @@ from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.correspond import correspondence_settings
 from ostiform.pipeline.store import slug
 from ostiform.study import ShapeId, read_study
-from ostiform.study.demonstration import write_population
-from ostiform.study.truth import Truth, read_truth
 
 Result = TypeVar("Result")
 COSTS = "embedding_costs.json"

@@ -45,7 +45,7 @@ MOST_REFITS = 40
 def generated(name, subjects, shapes, seed):
     truth = family(name, subjects, shapes // subjects, seed)
     if name == "left-hearts":
-        from ostiform.study import demonstration_truth
+        from ostiform.demo import demonstration_truth
 
         truth = demonstration_truth(subjects, shapes, seed)
     return true_population(truth, EDGE_MM)

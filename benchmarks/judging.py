@@ -16,6 +16,7 @@ from ostiform.correspondence import Correspondence, Yardstick
 from ostiform.correspondence.alignment import Alignment, align
 from ostiform.correspondence.description_length import description_length
 from ostiform.correspondence.sampling import pulled_back
+from ostiform.demo.truth import material_coordinates, true_positions
 from ostiform.domain.procrustes import transformed
 from ostiform.evaluation import (
     cross_validated,
@@ -25,7 +26,6 @@ from ostiform.evaluation import (
     surface_specificity,
 )
 from ostiform.model import fit_model, mesh_of_template
-from ostiform.study.truth import material_coordinates, true_positions
 from ostiform.surface import closest_points, surface_tree
 from ostiform.surface.operators import vertex_areas
 from ostiform.surface.quantiles import weighted_quantile

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ostiform.study.deformation import Deformation
-from ostiform.study.demonstration import demonstration_truth, write_population
-from ostiform.study.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.demo.deformation import Deformation
+from ostiform.demo.demonstration import demonstration_truth, write_population
+from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
+from ostiform.demo.truth import Truth
 from ostiform.study.shape import ShapeId
-from ostiform.study.spacemaps import Affine, Axial, Bumps, TubeWarp
-from ostiform.study.truth import Truth
 
 EDGES_MM = {"atria": 2.4, "ventricle": 2.2, "one-mode": 2.4, "left-hearts": 2.6}
 

@@ -16,6 +16,7 @@ import numpy as np
 from fitting import Truth, contours, partial, true_parts
 from populations import family
 
+from ostiform.demo.demonstration import write_population
 from ostiform.evaluation import (
     baseline_cycles,
     enclosed_volumes,
@@ -33,7 +34,6 @@ from ostiform.model import (
 from ostiform.pipeline import Stage, build_study
 from ostiform.pipeline.prediction import phase_of_fit
 from ostiform.study import read_study
-from ostiform.study.demonstration import write_population
 from ostiform.surface import boundary_loops, distances_to_surface
 
 TRAINING, UNSEEN, PHASES = 24, 8, 6

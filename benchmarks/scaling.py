@@ -29,9 +29,9 @@ import psutil
 from benchmarks.populations import EDGES_MM, family
 from ostiform.correspondence import Correspondence
 from ostiform.correspondence.description_length import length_of_spectrum, spectrum
-from ostiform.correspondence.streamed_spectrum import streamed_length, streamed_spectrum
+from ostiform.correspondence.streaming import streamed_length, streamed_spectrum
+from ostiform.demo.demonstration import write_population
 from ostiform.model import read_correspondence
-from ostiform.study.demonstration import write_population
 
 PHASES = 9
 SEED = 1

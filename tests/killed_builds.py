@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ostiform.study.demonstration import write_demonstration
+from ostiform.demo.demonstration import write_demonstration
 
 TIMES = ("seconds",)
 """Facts that differ from run to run by nature."""

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from ostiform.correspondence import Correspondence
+from ostiform.demo import write_demonstration
+from ostiform.demo.truth import material_coordinates, read_truth, true_positions
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import distance_to_truth
 from ostiform.model import project, read_correspondence, read_model
 from ostiform.pipeline.add import add_shapes
 from ostiform.pipeline.build import Stage, build_study
-from ostiform.study import write_demonstration
-from ostiform.study.truth import material_coordinates, read_truth, true_positions
 
 EDGE_MM = 5.0
 

@@ -10,10 +10,10 @@ import h5py
 import numpy as np
 import pytest
 
+from ostiform.demo.demonstration import write_demonstration
 from ostiform.evaluation import read_evaluation
 from ostiform.model import read_correspondence, read_model
 from ostiform.pipeline.arrays_file import read_embeddings
-from ostiform.study.demonstration import write_demonstration
 from ostiform.surface import exact_orientations
 
 pytestmark = pytest.mark.xdist_group("end_to_end")

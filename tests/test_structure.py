@@ -16,6 +16,7 @@ ORDER = [
     "atomic",
     "surface",
     "study",
+    "demo",
     "domain",
     "embedding",
     "correspondence",

@@ -9,9 +9,9 @@ cycle of a heart that it has never seen.
 import matplotlib.pyplot as plt
 import numpy as np
 
+from ostiform.demo import demonstration_truth
 from ostiform.evaluation import part_volumes, prediction_errors, true_population
 from ostiform.model import ObservedPhase, fit_cycle_predictor, fit_dynamic_model, predict_cycle
-from ostiform.study import demonstration_truth
 
 subjects, phases = 21, 10
 hearts = true_population(demonstration_truth(subjects, subjects * phases, seed=5), edge_mm=7.0)

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ostiform.errors import InputError
 
-__all__ = ["BoolArray", "FloatArray", "IntArray", "frozen_floats", "frozen_ints", "frozen_mapping"]
-
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from ostiform.errors import ArtifactError
 
-__all__ = ["atomically", "remove_leftovers"]
-
 PREFIX = ".writing-"
 """Of temporary files, which only a kill leaves behind."""
 

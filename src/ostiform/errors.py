@@ -11,16 +11,6 @@
 Every message is one sentence: which file or subject, what was expected, what was found, what to do.
 """
 
-__all__ = [
-    "ArtifactError",
-    "CollapseError",
-    "ConvergenceError",
-    "EmbeddingError",
-    "InputError",
-    "OstiformError",
-    "TopologyError",
-]
-
 
 class OstiformError(Exception):
     """Any failure that Ostiform foresees and explains."""

@@ -10,7 +10,7 @@ from ostiform.correspondence.description_length import (
     description_length,
     spectrum,
 )
-from ostiform.correspondence.streamed_spectrum import streamed_length, streamed_spectrum
+from ostiform.correspondence.streaming import streamed_length, streamed_spectrum
 from ostiform.errors import ConvergenceError, InputError
 
 COUNT, POINTS, MODES, NOISE_MM = 300, 220, 40, 0.3
@@ -84,7 +84,7 @@ def test_one_shape_is_refused(rng):
 
 def test_eigenvalues_that_do_not_settle_are_an_error(monkeypatch, shapes):
     aligned, weights = shapes
-    module = import_module("ostiform.correspondence.streamed_spectrum")
+    module = import_module("ostiform.correspondence.streaming")
     monkeypatch.setattr(module, "MOST_PASSES", 2)
     with pytest.raises(ConvergenceError, match="within 2 passes"):
         streamed_spectrum(in_chunks(aligned, 50), weights, 1e-3, np.random.default_rng(0))

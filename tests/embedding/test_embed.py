@@ -23,7 +23,9 @@ from ostiform.surface import Component, Seam
 from ostiform.surface.hygiene import cleaned_for_embedding
 
 POSE = np.eye(4)
-DRIVER = importlib.import_module("ostiform.embedding.embed")  # the package exports a function
+DRIVER = importlib.import_module(
+    "ostiform.embedding.embed_component"
+)  # the package exports a function
 
 
 def laid_out(component: Component, pole: str | None = "LA.mitral") -> Sphere:

@@ -18,6 +18,8 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from ostiform.correspondence import CorrespondenceSettings, correspond
 from ostiform.correspondence.build import yardstick_of_template
+from ostiform.demo.demonstration import demonstration_truth
+from ostiform.demo.truth import read_truth, write_truth
 from ostiform.domain import domain_from_json, domain_to_json
 from ostiform.errors import ArtifactError
 from ostiform.evaluation import read_evaluation
@@ -42,11 +44,9 @@ from ostiform.pipeline.arrays_file import (
 )
 from ostiform.pipeline.store import Store
 from ostiform.study import Shape, ShapeId, read_study, survey_from_json
-from ostiform.study.demonstration import demonstration_truth
 from ostiform.study.labelmaps import read_label_map
 from ostiform.study.markups import read_markups
 from ostiform.study.sheet import read_sheet
-from ostiform.study.truth import read_truth, write_truth
 from ostiform.surface import Surface
 from ostiform.surface.files import read_mesh, write_surface
 from tests.fuzz.exchange_targets import exchange_files

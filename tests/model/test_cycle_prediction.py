@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from ostiform.demo import demonstration_truth
 from ostiform.errors import InputError
 from ostiform.evaluation import prediction_errors, true_population
 from ostiform.model import (
@@ -16,7 +17,6 @@ from ostiform.model import (
     predict_cycle,
 )
 from ostiform.model.conditioning import CyclePrior, cycle_posterior
-from ostiform.study import demonstration_truth
 
 TRAINING, UNSEEN, PHASES = 20, 8, 10
 EDGE_MM = 7.0  # five hundred points: the question is about cycles

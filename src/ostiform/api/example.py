@@ -8,11 +8,9 @@ from os import PathLike
 from pathlib import Path
 
 from ostiform import __version__
+from ostiform.demo import write_demonstration
 from ostiform.errors import ArtifactError
 from ostiform.pipeline import Stage, build_study
-from ostiform.study import write_demonstration
-
-__all__ = ["example_results", "example_study"]
 
 SUBJECTS = 3
 SHAPES = 15

@@ -18,27 +18,27 @@ from ostiform.errors import InputError
 from ostiform.evaluation import compare, cumulative_variance_error, part_volumes, volume_curves
 from ostiform.execution import Workers
 from ostiform.model import ShapeModel
-from ostiform.pipeline.embed import embedding_artifact
-from ostiform.pipeline.report_maps import map_records, state_view
-from ostiform.pipeline.run import Ready
-from ostiform.pipeline.store import Store, file_hash, slug
-from ostiform.report import Section, evidence_section, maps_section, sampled_kinks
-from ostiform.report.curves import convergence_figure, scores_figure, volumes_figure
-from ostiform.report.modes import modes_figure
-from ostiform.report.points import shapes_figure
+from ostiform.pipeline import (
+    Ready,
+    Store,
+    embedding_artifact,
+    file_hash,
+    map_records,
+    slug,
+    state_view,
+)
+from ostiform.report import (
+    Section,
+    convergence_figure,
+    evidence_section,
+    maps_section,
+    modes_figure,
+    sampled_kinks,
+    scores_figure,
+    shapes_figure,
+    volumes_figure,
+)
 from ostiform.study import ShapeId
-
-__all__ = [
-    "convergence",
-    "distortion",
-    "evidence",
-    "maps",
-    "mode",
-    "paper_maps",
-    "scores",
-    "shapes",
-    "volumes",
-]
 
 
 def evidence(results: Results) -> Figure:

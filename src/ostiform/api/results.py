@@ -9,11 +9,8 @@ from ostiform.correspondence import KINDS, Correspondence, Kind
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import Evaluation, read_evaluation
 from ostiform.model import ShapeModel, StoredModel, read_correspondence, read_model
-from ostiform.pipeline import Event, Stage, Summary, build_study
-from ostiform.pipeline.events import Tell
+from ostiform.pipeline import Event, Stage, Summary, Tell, build_study
 from ostiform.study import Study
-
-__all__ = ["Results", "build", "read_results"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,6 @@ from ostiform import model, study
 from ostiform.model import StoredModel
 from ostiform.study import Study
 
-__all__ = ["read_model", "read_study"]
-
 
 def read_study(path: str | PathLike[str]) -> Study:
     """Read a study file and find the files of its shapes; no surface is read yet.

@@ -8,9 +8,7 @@ from cyclopts import Parameter
 
 from ostiform.cli.options import DEFAULTS, Common, StudyPath
 from ostiform.cli.running import run_command
-from ostiform.pipeline.add import Addition, add_shapes
-
-__all__ = ["add"]
+from ostiform.pipeline import Addition, add_shapes
 
 
 def add(

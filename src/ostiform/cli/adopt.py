@@ -9,10 +9,7 @@ from cyclopts import Parameter
 
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
-from ostiform.pipeline.adopt import Adopted, adopt_shapes
-from ostiform.pipeline.adopt_sources import SourceSettings
-
-__all__ = ["adopt"]
+from ostiform.pipeline import Adopted, SourceSettings, adopt_shapes
 
 
 @Parameter(name="*")

@@ -4,9 +4,7 @@ from pathlib import Path
 
 from ostiform.cli.options import DEFAULTS, Common, Output, Scheduler, StudyPath
 from ostiform.cli.running import run_command, show_summary, worker_count
-from ostiform.pipeline.build import Stage, build_study
-
-__all__ = ["build", "correspond", "embed", "evaluate", "model", "report"]
+from ostiform.pipeline import Stage, build_study
 
 
 def build(
@@ -80,7 +78,7 @@ def report(
     The study and its meshes may be gone by then. Where the study or a mesh has changed, or no
     run has been finished, the stages before are run first.
     """
-    from ostiform.pipeline.report_only import report_study  # draws, so slow to import
+    from ostiform.pipeline import report_study  # draws, so slow to import
 
     return run_command(
         common,

@@ -9,9 +9,7 @@ from rich.table import Table
 from ostiform.cli.options import DEFAULTS, Common, StudyPath
 from ostiform.cli.running import EXIT_CODES, run_command, worker_count
 from ostiform.errors import InputError
-from ostiform.pipeline.check import ShapeCheck, check_study
-
-__all__ = ["check"]
+from ostiform.pipeline import ShapeCheck, check_study
 
 FILE_WIDTH = 160
 """Columns of the table in a pipe or a log."""

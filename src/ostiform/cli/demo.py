@@ -7,10 +7,7 @@ from cyclopts import Parameter
 
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command, show_summary, worker_count
-from ostiform.pipeline.build import build_study
-from ostiform.pipeline.demonstration import demonstration_study
-
-__all__ = ["demo"]
+from ostiform.pipeline import build_study, demonstration_study
 
 
 def demo(

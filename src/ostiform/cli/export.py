@@ -8,9 +8,7 @@ from cyclopts import Parameter
 
 from ostiform.cli.options import DEFAULTS, Common
 from ostiform.cli.running import run_command
-from ostiform.pipeline.export import export_results
-
-__all__ = ["export"]
+from ostiform.pipeline import export_results
 
 
 def export(

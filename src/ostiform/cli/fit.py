@@ -10,12 +10,19 @@ from cyclopts import Group, Parameter
 
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
-from ostiform.fitting import FitSettings, PoseKnowledge, Scaling, fit_prior, fit_shape
-from ostiform.fitting.files import FileRules, TargetKind, read_named_points, read_targets
-from ostiform.fitting.results import write_fit
+from ostiform.fitting import (
+    FileRules,
+    FitSettings,
+    PoseKnowledge,
+    Scaling,
+    TargetKind,
+    fit_prior,
+    fit_shape,
+    read_named_points,
+    read_targets,
+    write_fit,
+)
 from ostiform.model import read_model
-
-__all__ = ["fit"]
 
 
 @Parameter(name="*", group=Group("What the files are", sort_key=0))

@@ -12,8 +12,6 @@ from ostiform.cli.running import run_command
 from ostiform.errors import InputError
 from ostiform.study import proposed_study
 
-__all__ = ["init"]
-
 Folder = Annotated[Path, Parameter(help="Where the meshes or label maps are.")]
 Target = Annotated[
     Path | None,

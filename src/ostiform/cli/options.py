@@ -6,8 +6,6 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-__all__ = ["DEFAULTS", "Common", "Output", "Scheduler", "StudyPath"]
-
 StudyPath = Annotated[Path, Parameter(help="The study file (study.toml).")]
 Output = Annotated[
     Path, Parameter(name=["--output", "-o"], help="Folder for the results; made if missing.")

@@ -11,10 +11,8 @@ from cyclopts import Parameter
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
 from ostiform.errors import InputError
-from ostiform.fitting.files import FileRules
-from ostiform.pipeline.prediction import predicted_cycle, write_prediction
-
-__all__ = ["predict"]
+from ostiform.fitting import FileRules
+from ostiform.pipeline import predicted_cycle, write_prediction
 
 
 def predict(

@@ -18,10 +18,7 @@ from ostiform.errors import (
     OstiformError,
     TopologyError,
 )
-from ostiform.pipeline.build import Summary
-from ostiform.pipeline.events import Tell
-
-__all__ = ["EXIT_CODES", "INTERRUPTED", "worker_count", "run_command", "show_summary"]
+from ostiform.pipeline import Summary, Tell
 
 EXIT_CODES: dict[type[OstiformError], int] = {
     InputError: 2,

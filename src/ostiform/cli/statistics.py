@@ -10,11 +10,8 @@ from cyclopts import Parameter
 
 from ostiform.cli.options import DEFAULTS, Common
 from ostiform.cli.running import run_command
-from ostiform.pipeline.events import Progress, Tell
-from ostiform.pipeline.statistics import EffectResult, Question, shape_question
+from ostiform.pipeline import EffectResult, Progress, Question, Tell, shape_question
 from ostiform.statistics import EffectSettings
-
-__all__ = ["compare", "regress"]
 
 Results = Annotated[Path, Parameter(help="A folder of results, with model.h5.")]
 

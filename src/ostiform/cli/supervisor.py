@@ -14,8 +14,6 @@ from collections.abc import Callable
 from types import FrameType
 from typing import NoReturn
 
-__all__ = ["INTERRUPTED", "RESUME", "supervised"]
-
 INTERRUPTED = 130
 OTHER_FAILURE = 1
 RESUME = "interrupted: what was finished is kept; run the same command again to go on"

@@ -11,10 +11,7 @@ from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
 from ostiform.errors import InputError
 from ostiform.model import StoredModel, read_model
-from ostiform.pipeline.events import Tell
-from ostiform.pipeline.synthesis import MEAN_CYCLE, Synthesis, synthesized
-
-__all__ = ["synthesize"]
+from ostiform.pipeline import MEAN_CYCLE, Synthesis, Tell, synthesized
 
 FIRST_MODES = 3
 

@@ -22,9 +22,6 @@ from rich.text import Text
 
 from ostiform.pipeline import events
 
-__all__ = ["watching"]
-
-
 DETAIL_WIDTH = 40
 """Characters of what was just finished, so that a bar stays on one line."""
 

@@ -11,8 +11,6 @@ from ostiform.cli.running import run_command
 from ostiform.errors import InputError
 from ostiform.model import Kernel, read_model, widened_stored, write_model
 
-__all__ = ["widen"]
-
 
 def widen(
     model: Annotated[Path, Parameter(help="A model file, of Ostiform or of scalismo.")],

@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
-from ostiform.domain.procrustes import (
+from ostiform.domain import (
     best_rotations,
     homogeneous,
     superposed,
@@ -22,8 +22,6 @@ from ostiform.domain.procrustes import (
     weighted_norms,
 )
 from ostiform.errors import InputError
-
-__all__ = ["Alignment", "AlignmentMode", "AlignmentStatus", "align", "align_to"]
 
 AlignmentMode: TypeAlias = Literal["rigid", "similarity", "none"]
 MODES: tuple[AlignmentMode, ...] = ("rigid", "similarity", "none")

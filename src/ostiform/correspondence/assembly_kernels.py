@@ -5,15 +5,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = [
-    "determinant_derivatives",
-    "landmark_derivatives",
-    "motion_derivatives",
-    "normal_matrix",
-    "pulled_back",
-    "score_derivatives",
-]
-
 
 @njit(cache=True)
 def landmark_derivatives(

@@ -28,8 +28,8 @@ from ostiform.correspondence.hierarchy import (
     optimal_levels,
 )
 from ostiform.correspondence.landmarks import template_marks
+from ostiform.correspondence.mean_template import population_template
 from ostiform.correspondence.metric import metric_term, with_reference
-from ostiform.correspondence.population_template import population_template
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.settings import CorrespondenceSettings
 from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes, sampled
@@ -42,8 +42,6 @@ from ostiform.domain import BaseDomain, Template
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
 from ostiform.surface import median_edge_length
-
-__all__ = ["build_yardstick", "correspond", "yardstick_of_template"]
 
 # Noise per coordinate of a surface whose noise is not stated, over the median edge of its mesh.
 NOISE_OVER_EDGE = 0.2

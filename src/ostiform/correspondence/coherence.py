@@ -19,8 +19,6 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.correspondence.description_length import QuadraticForm
 
-__all__ = ["Coherence", "coherence_about", "coherence_form", "coherence_value", "joined_forms"]
-
 # The kernel: Gaussians with these standard deviations in units of the mean's radius (root mean
 # square distance from its centre) and these shares of the variance: mostly whole chambers, some
 # regions of a chamber, little of the size of a vessel.

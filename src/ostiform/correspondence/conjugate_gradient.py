@@ -40,8 +40,6 @@ from ostiform.correspondence.sweeps import (
 )
 from ostiform.correspondence.warps import fastest_point, flow, orientation_share
 
-__all__ = ["conjugate_gradient_sweep"]
-
 STEPS_PER_SURFACE = 5
 
 # Armijo's constant, and how often a step is halved before the surface is left alone.

@@ -17,15 +17,6 @@ from ostiform.correspondence.warps import (
 from ostiform.domain import Circle, Template
 from ostiform.surface import unique_edges
 
-__all__ = [
-    "ControlPoints",
-    "basis_of",
-    "boundary_control_points",
-    "insert_interior",
-    "joined",
-    "no_control_points",
-]
-
 # Support of an interior spline over the mean chord to the three nearest control points of its
 # part, and the limits of that support: fields narrower than a few template edges would only
 # follow the triangulation, wider ones are covered by the global fields.

@@ -15,8 +15,6 @@ from ostiform.correspondence.field_kernels import active_fields, determinants, f
 from ostiform.correspondence.warps import FieldBasis, orientation_shares
 from ostiform.domain import Template
 
-__all__ = ["crowding_residuals", "crowding_value"]
-
 STRENGTH = 3.0
 
 ROOMY = 0.5

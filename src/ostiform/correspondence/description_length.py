@@ -14,20 +14,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = [
-    "QuadraticForm",
-    "Spectrum",
-    "cut_off_eigenvalue",
-    "description_length",
-    "description_length_gradient",
-    "euclidean_form",
-    "form_product",
-    "form_value",
-    "length_of_spectrum",
-    "majoriser",
-    "spectrum",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectrum:

@@ -9,8 +9,6 @@ from ostiform.correspondence.description_length import (
     form_value,
 )
 
-__all__ = ["euclidean_forms", "euclidean_value", "medoid", "root_mean_square_spread"]
-
 # Relative difference of mean distances below which shapes count as equally central: the tie is
 # broken by coordinates, so that the reference does not depend on the order of the files.
 TIE = 1e-9

@@ -15,18 +15,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = [
-    "BOOST",
-    "BUMP",
-    "ROTATION",
-    "TWIST",
-    "active_fields",
-    "determinants",
-    "field_vectors",
-    "flow_points",
-    "velocities",
-]
-
 BUMP, ROTATION, BOOST, TWIST = 0, 1, 2, 3
 
 

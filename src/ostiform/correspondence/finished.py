@@ -35,8 +35,6 @@ from ostiform.correspondence.types import Correspondence
 from ostiform.correspondence.warps import circle_table
 from ostiform.domain import BaseDomain
 
-__all__ = ["trained_from"]
-
 
 def trained_from(
     correspondence: Correspondence,

@@ -57,19 +57,6 @@ from ostiform.correspondence.sweeps import (
 from ostiform.correspondence.warps import FieldBasis
 from ostiform.domain import Template
 
-__all__ = [
-    "REPEATS",
-    "LevelResult",
-    "Problem",
-    "annealed_cut_offs",
-    "coarse_template",
-    "euclidean_level",
-    "first_population",
-    "level_of",
-    "optimal_levels",
-    "sweep_batches",
-]
-
 REPEATS = 5
 """How often the finest level is done again at most."""
 

@@ -18,16 +18,6 @@ from ostiform.domain import Template
 from ostiform.errors import InputError
 from ostiform.surface import closest_points, normalised, surface_tree
 
-__all__ = [
-    "LandmarkTerm",
-    "TemplateMarks",
-    "landmark_force",
-    "landmark_jacobian_rows",
-    "landmark_term",
-    "landmark_value",
-    "template_marks",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemplateMarks:

@@ -16,8 +16,6 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.domain import Template
 from ostiform.surface import face_areas, unique_edges
 
-__all__ = ["MetricTerm", "metric_residuals", "metric_term", "metric_value", "with_reference"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MetricTerm:

@@ -5,8 +5,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = ["metric_system"]
-
 
 @njit(cache=True)
 def metric_system(

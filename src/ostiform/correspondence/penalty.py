@@ -10,8 +10,6 @@ from ostiform.correspondence.warps import ActiveFields
 from ostiform.domain import Template
 from ostiform.surface import cotangent_stiffness, face_areas
 
-__all__ = ["DisplacementPenalty", "displacement_penalty", "penalty_hessian", "penalty_value"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisplacementPenalty:

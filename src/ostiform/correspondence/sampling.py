@@ -17,27 +17,17 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.domain import BaseDomain, Circle, Sphere, Template, tangent_frame
 from ostiform.embedding import Embedding
 from ostiform.errors import InputError
-from ostiform.surface import Component
-from ostiform.surface.locate import (
+from ostiform.surface import (
+    Component,
     SphereLocator,
+    SurfaceTree,
+    closest_points,
     containing_triangles,
     curve_positions,
+    normalised,
     sphere_locator,
+    surface_tree,
 )
-from ostiform.surface.queries import SurfaceTree, closest_points, surface_tree
-from ostiform.surface.sphere import normalised
-
-__all__ = [
-    "ComponentSampler",
-    "CurveSampler",
-    "ShapeSampler",
-    "SurfaceMarks",
-    "pull_back",
-    "pulled_back",
-    "sample",
-    "sample_with_derivative",
-    "sampler",
-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

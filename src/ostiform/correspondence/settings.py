@@ -6,8 +6,6 @@ from typing import Literal
 from ostiform.correspondence.alignment import AlignmentMode
 from ostiform.errors import InputError
 
-__all__ = ["CorrespondenceSettings", "Optimiser"]
-
 Optimiser = Literal["majorise", "conjugate-gradient"]
 
 

@@ -48,19 +48,6 @@ from ostiform.correspondence.warps import (
 )
 from ostiform.domain import Template
 
-__all__ = [
-    "Proposal",
-    "ShapeGoal",
-    "WarpLevel",
-    "WarpState",
-    "advance",
-    "gradient",
-    "objective",
-    "propose",
-    "start",
-    "warp_level",
-]
-
 # No point travels farther in one step (radians); longer steps are scaled down, which keeps the
 # linearisation of the surface and two Runge-Kutta steps honest.
 LONGEST_STEP = 0.15

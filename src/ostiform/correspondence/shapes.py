@@ -14,8 +14,6 @@ from ostiform.arrays import FloatArray
 from ostiform.correspondence.sampling import ShapeSampler, SurfaceMarks, sample
 from ostiform.domain import Template
 
-__all__ = ["GivenShapes", "Shapes", "ShapesInMemory", "as_shapes", "marks_of", "sampled"]
-
 Item = TypeVar("Item")
 Shared = TypeVar("Shared")
 Result = TypeVar("Result")

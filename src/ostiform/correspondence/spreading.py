@@ -26,14 +26,12 @@ from ostiform.domain import Circle, Template
 from ostiform.surface import (
     closest_points,
     face_areas,
+    normalised,
     surface_tree,
     unique_edges,
     vertex_areas,
+    weighted_quantile,
 )
-from ostiform.surface.quantiles import weighted_quantile
-from ostiform.surface.sphere import normalised
-
-__all__ = ["Coverage", "Differences", "differences_of", "spread"]
 
 POWER = 12
 """Of the distances, over the start's worst, by which surface pulls points. The largest distances

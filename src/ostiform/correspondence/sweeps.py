@@ -31,26 +31,6 @@ from ostiform.correspondence.shape_step import (
 from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes
 from ostiform.surface import vertex_areas
 
-__all__ = [
-    "Journal",
-    "Keep",
-    "LevelState",
-    "LevelStatus",
-    "Population",
-    "Progress",
-    "SweepObjective",
-    "SweepOutcome",
-    "SweepRecord",
-    "area_shares",
-    "batched_sweep",
-    "current_metric",
-    "joint_sweep",
-    "mean_penalty",
-    "realigned",
-    "run_sweeps",
-    "sweep_outcome",
-]
-
 
 class LevelStatus(Enum):
     """How the sweeps of a level ended."""

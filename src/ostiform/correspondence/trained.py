@@ -12,8 +12,6 @@ from ostiform.correspondence.sweeps import LevelStatus, SweepRecord
 from ostiform.correspondence.types import Correspondence
 from ostiform.domain import BaseDomain, Template
 
-__all__ = ["KINDS", "Kind", "TrainedCorrespondence", "Yardstick"]
-
 Kind = Literal["conformal", "euclidean", "optimal"]
 KINDS: tuple[Kind, ...] = ("conformal", "euclidean", "optimal")
 

@@ -8,8 +8,6 @@ from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.domain import Template
 from ostiform.study import ShapeId
 
-__all__ = ["Correspondence"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correspondence:

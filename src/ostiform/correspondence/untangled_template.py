@@ -10,11 +10,8 @@ import numpy as np
 from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.domain import Circle
-from ostiform.domain.delaunay import cleared_of_circles, spherical_delaunay, without_caps
+from ostiform.domain import Circle, cleared_of_circles, spherical_delaunay, without_caps
 from ostiform.surface import count_flipped, exact_orientations, twin_half_edges
-
-__all__ = ["fold_free_triangulation"]
 
 ROUNDS = 10
 SWEEPS = 10

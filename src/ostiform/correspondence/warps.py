@@ -19,21 +19,6 @@ from ostiform.correspondence.field_kernels import (
 from ostiform.domain import BaseDomain, Template, tangent_frame
 from ostiform.errors import InputError
 
-__all__ = [
-    "ActiveFields",
-    "FieldBasis",
-    "active",
-    "bump_fields",
-    "circle_table",
-    "fastest_point",
-    "flow",
-    "global_fields",
-    "join_fields",
-    "orientation_share",
-    "orientation_shares",
-    "twist_fields",
-]
-
 # Widths of the cut-off of the normal component at a circle: twice the circle's radius (near a
 # hole the natural coordinate is the logarithm of the distance), never wider than this angle, and
 # never reaching another circle, so that every circle stays invariant exactly.

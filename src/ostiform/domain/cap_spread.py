@@ -16,8 +16,6 @@ from ostiform.domain.types import NORTH
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
-__all__ = ["settled_caps"]
-
 # Gaps of the automatic layout: so many times the smaller radius, and never below `LEAST_GAP`.
 GAP_IN_RADII = 3.0
 

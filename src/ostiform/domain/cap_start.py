@@ -14,8 +14,6 @@ from ostiform.domain.types import NORTH, Circle, ConformalHoles
 from ostiform.errors import InputError
 from ostiform.surface import Seam, rotation_between
 
-__all__ = ["LEAST_SEAM_RADIUS", "NARROW_RADIUS", "CapDraft", "started_caps"]
-
 # Narrow openings (veins): the embedding energy is flat between 2 and 6 degrees and least at 2 to
 # 4 for tubes of 4 to 8 radii (parameterisation.md, radius scan).
 NARROW_RADIUS = float(np.radians(3.5))

@@ -10,8 +10,6 @@ from ostiform.domain.types import BaseDomain, Circle, Sphere
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
-__all__ = ["LEAST_GAP", "angle_between", "cap_of_seam", "check_domain", "check_sphere"]
-
 # Two circles closer than this leave triangles so thin between them that the worst distortion
 # exceeds a hundred (parameterisation.md 1.6: 0.4 to 1.7 degrees apart gave 387).
 LEAST_GAP = float(np.radians(3.0))

@@ -13,8 +13,6 @@ from ostiform.domain.types import NORTH, Circle
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
-__all__ = ["CircleSetting", "equator_phase", "own_settings"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CircleSetting:

@@ -15,25 +15,11 @@ from scipy.spatial import ConvexHull, cKDTree
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain.types import Circle
 from ostiform.errors import InputError
-from ostiform.surface.sphere import (
+from ostiform.surface import (
     normalised,
     spherical_areas,
     spherical_fibonacci,
 )
-
-__all__ = [
-    "CLEARANCE",
-    "GradedPoints",
-    "SizingField",
-    "SizingFunction",
-    "circle_distances",
-    "cleared_of_circles",
-    "graded_points",
-    "size_at",
-    "sizing_field",
-    "spherical_delaunay",
-    "without_caps",
-]
 
 SizingFunction = Callable[[FloatArray], FloatArray]
 """Directions (n, 3) to relative edge lengths (n,), positive."""

@@ -7,8 +7,6 @@ from ostiform.domain.types import NORTH, BaseDomain, Circle, Sphere
 from ostiform.errors import ArtifactError, InputError
 from ostiform.surface import Seam
 
-__all__ = ["domain_from_json", "domain_to_json"]
-
 SCHEMA = 1
 
 

@@ -18,10 +18,7 @@ from ostiform.domain.outline import ComponentOutline, chosen_pole
 from ostiform.domain.regions import equator_seam, far_part, handle_seams, part_regions
 from ostiform.domain.types import NORTH, BaseDomain, Circle, ConformalHoles, Sphere
 from ostiform.errors import InputError
-from ostiform.surface import Seam, split_ostium_name
-from ostiform.surface.sphere import normalised
-
-__all__ = ["lay_out", "radius_candidates"]
+from ostiform.surface import Seam, normalised, split_ostium_name
 
 DECIMALS = 9
 

@@ -11,8 +11,6 @@ from ostiform.domain.template import face_parts
 from ostiform.domain.types import BaseDomain, Template, TemplateLevel
 from ostiform.errors import InputError
 
-__all__ = ["with_levels"]
-
 FEWEST_ON_CURVE = 4
 """Points kept on every circle: enough to see it, and for its edges to be shorter than a
 quarter turn."""

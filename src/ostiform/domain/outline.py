@@ -11,8 +11,6 @@ from ostiform.domain.types import Circle
 from ostiform.errors import InputError
 from ostiform.surface import Component, Seam
 
-__all__ = ["ComponentOutline", "chosen_pole", "outlined", "pole_circle"]
-
 # Limits of the automatic radius of a wide opening (design 2): distortion is flat below 6 degrees
 # and grows quickly above 15.
 LEAST_WIDE_RADIUS = float(np.radians(4.0))

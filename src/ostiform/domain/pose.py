@@ -31,16 +31,6 @@ from ostiform.errors import InputError
 from ostiform.study import Shape, ShapeId
 from ostiform.surface import Surface
 
-__all__ = [
-    "PopulationPoses",
-    "PoseFeatures",
-    "PoseMethod",
-    "landmarks",
-    "population_poses",
-    "pose_features",
-    "poses_of_features",
-]
-
 # Second singular value of the landmarks over the shape's radius of gyration below which they lie
 # on one line as far as a rotation about it is concerned: 3 degrees of error per 0.25 % of noise.
 COLLINEAR_BELOW = 0.05

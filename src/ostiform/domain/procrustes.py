@@ -13,15 +13,6 @@ from numpy.typing import ArrayLike
 
 from ostiform.arrays import FloatArray
 
-__all__ = [
-    "Superposition",
-    "best_rotations",
-    "homogeneous",
-    "superposed",
-    "transformed",
-    "weighted_norms",
-]
-
 # Change of the mean, relative to its size, below which a superposition has settled; rounding in
 # the sums over points stays two orders below it.
 SETTLED = 1e-12

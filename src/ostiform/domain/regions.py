@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from ostiform.errors import TopologyError
 from ostiform.surface import Seam, split_ostium_name
 
-__all__ = ["PartRegion", "equator_seam", "far_part", "handle_seams", "part_regions"]
-
 
 @dataclass(frozen=True, slots=True)
 class PartRegion:

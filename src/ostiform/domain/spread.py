@@ -13,8 +13,6 @@ from scipy.optimize import NonlinearConstraint, minimize
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Caps", "azimuth_order", "separated", "violations"]
-
 # How far beyond the required gap the solver aims, so that the result passes exact checks.
 MARGIN = 1e-6
 

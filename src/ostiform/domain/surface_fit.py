@@ -16,8 +16,6 @@ from ostiform.domain.procrustes import best_rotations
 from ostiform.errors import InputError
 from ostiform.surface import Surface
 
-__all__ = ["SurfaceFit", "SurfaceSample", "fitted_rotation", "sampled_surface", "unturned_fit"]
-
 N_SAMPLES = 600
 COARSE_POINTS = 75
 COARSE_ITERATIONS = 6

@@ -16,15 +16,6 @@ from ostiform.domain.types import BaseDomain, Circle, Sphere, Template
 from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
-__all__ = [
-    "TriangleQuality",
-    "assembled_template",
-    "curve_names",
-    "face_parts",
-    "graded_template",
-    "triangle_quality",
-]
-
 FEWEST_RIM_POINTS = 6
 USUAL_RIM_POINTS = 16
 

@@ -19,17 +19,6 @@ from ostiform.domain.types import Circle, Sphere
 from ostiform.errors import InputError
 from ostiform.surface import normalised, rotation_between, stereographic
 
-__all__ = [
-    "DEFAULT_RIM_RADIUS",
-    "SeamSide",
-    "circle_from_part_sphere",
-    "circle_to_part_sphere",
-    "from_part_sphere",
-    "stereographic_view",
-    "to_part_sphere",
-    "touching_positions",
-]
-
 SeamSide: TypeAlias = Literal["first", "second"]
 
 # Angular radius of the contour about the north pole of each part's sphere, as in HY Fig. 1 (c).

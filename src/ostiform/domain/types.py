@@ -14,17 +14,6 @@ from ostiform.arrays import (
 )
 from ostiform.surface import Seam
 
-__all__ = [
-    "NORTH",
-    "BaseDomain",
-    "Circle",
-    "ConformalHoles",
-    "Sphere",
-    "Template",
-    "TemplateLevel",
-    "tangent_frame",
-]
-
 NORTH = frozen_floats([0.0, 0.0, 1.0], (3,), "north")
 
 

@@ -6,8 +6,6 @@ from ostiform.arrays import FloatArray
 from ostiform.domain import Sphere
 from ostiform.surface import Component, face_areas, spherical_areas, split_ostium_name
 
-__all__ = ["part_scales"]
-
 # Half of the width, radians, of the band about a seam's circle in which scales pass into another.
 BAND = np.radians(45.0)
 

@@ -27,8 +27,6 @@ from ostiform.surface import (
     split_ostium_name,
 )
 
-__all__ = ["certify", "population_problems"]
-
 # Radians, on a sphere of radius one: a thousandth of a per cent of the smallest circle allowed
 # (2 degrees), a million times the round-off of a normalised vector.
 CIRCLE_TOLERANCE = 1e-9

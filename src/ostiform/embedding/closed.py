@@ -4,10 +4,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.embedding.disc import disc_solution
-from ostiform.surface.operators import uniform_laplacian, vertex_areas
-from ostiform.surface.sphere import inverse_stereographic
-
-__all__ = ["punctured_start"]
+from ostiform.surface import inverse_stereographic, uniform_laplacian, vertex_areas
 
 
 def punctured_start(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -18,11 +18,7 @@ from ostiform.embedding.disc import (
 )
 from ostiform.embedding.parts import PartDisc, part_discs, part_openings
 from ostiform.embedding.pose_fit import best_turn, posed_moments
-from ostiform.surface import Component, Seam
-from ostiform.surface.operators import corner_cotangents, vertex_areas
-from ostiform.surface.sphere import inverse_stereographic
-
-__all__ = ["conformal_holes"]
+from ostiform.surface import Component, Seam, corner_cotangents, inverse_stereographic, vertex_areas
 
 # A further seam's disc is shown at least and at most this wide, radians: the conformal radius of
 # its hole is exponentially small, and openings within it would fall on one point.

@@ -6,9 +6,7 @@ from ostiform.arrays import BoolArray, FloatArray
 from ostiform.embedding.energy import EnergyWeights
 from ostiform.embedding.newton import MapProblem, NewtonResult, minimised
 from ostiform.embedding.untangle import untangled
-from ostiform.surface.sphere import count_flipped
-
-__all__ = ["Continued", "continued"]
+from ostiform.surface import count_flipped
 
 # Regularised barriers and their relative tolerances: they only have to come near.
 STAGES = ((1e-1, 1e-2), (1e-2, 1e-2), (1e-3, 1e-3))

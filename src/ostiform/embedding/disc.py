@@ -14,23 +14,11 @@ from scipy import sparse
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.domain import Circle
-from ostiform.surface.operators import uniform_laplacian
-from ostiform.surface.solve import factorize
-from ostiform.surface.sphere import (
+from ostiform.surface import (
+    factorize,
     rotation_between,
+    uniform_laplacian,
 )
-
-__all__ = [
-    "ComplexArray",
-    "Disc",
-    "Opening",
-    "arc_length_angles",
-    "cone_filled",
-    "disc_solution",
-    "plane_circle",
-    "pole_frame",
-    "tutte_disc",
-]
 
 # Rim edges shorter than this share of the mean count as that long: very short ones would need
 # triangles as thin on the sphere, at length zero two vertices would share a point.

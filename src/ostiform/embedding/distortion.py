@@ -4,12 +4,9 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.domain import ConformalHoles, Sphere
-from ostiform.embedding.seam_jump import seam_jump
+from ostiform.embedding.seam_jumps import seam_jump
 from ostiform.embedding.types import Distortion
-from ostiform.surface import Component, local_frames, spherical_areas
-from ostiform.surface.quantiles import weighted_quantile
-
-__all__ = ["angle_distortion", "area_shares", "measure_distortion"]
+from ostiform.surface import Component, local_frames, spherical_areas, weighted_quantile
 
 
 def measure_distortion(

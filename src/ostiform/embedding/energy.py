@@ -20,14 +20,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = [
-    "EnergyWeights",
-    "energy_and_derivatives",
-    "energy_value",
-    "largest_step",
-    "tangent_bases",
-]
-
 # Eigenvalues of the Hessian are clamped at this share of their sum. With the exact barrier 1e-9
 # costs raw marching-cubes meshes half as many steps again, 1e-2 regular ones twice as many; the
 # regularised barrier is so stiff in folded triangles that 1e-4 of it would hold them in place.

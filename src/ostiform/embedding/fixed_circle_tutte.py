@@ -27,14 +27,6 @@ from ostiform.surface import (
     without_unreferenced,
 )
 
-__all__ = [
-    "PlanarChart",
-    "arc_length_images",
-    "fixed_circle_charts",
-    "natural_rotations",
-    "on_sphere",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanarChart:

@@ -33,16 +33,6 @@ from ostiform.embedding.fixed_circle_tutte import fixed_circle_charts, on_sphere
 from ostiform.errors import InputError
 from ostiform.surface import Component, cotangent_stiffness, count_flipped, vertex_areas
 
-__all__ = [
-    "Descent",
-    "HarmonicResult",
-    "HarmonicStatus",
-    "fold_explanations",
-    "folds_by_circle_ratio",
-    "harmonic_map",
-    "widest_harmonic_circle",
-]
-
 Descent = Literal["explicit", "semi-implicit"]
 
 # Ratio of a circle to its conformal radius above which the harmonic map is folded (design 3).

@@ -29,8 +29,6 @@ from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from ostiform.embedding.rings import vertex_rings
 from ostiform.errors import InputError
 
-__all__ = ["LocalSolver", "MaxMinResult", "MaxMinStatus", "untangled_by_area"]
-
 LocalSolver = Literal["conjugate-gradient", "linear-program"]
 
 # More sweeps are not expected to help when this many have not lowered the number of folded

@@ -16,9 +16,7 @@ from ostiform.embedding.energy import (
     tangent_bases,
 )
 from ostiform.embedding.reference import ReferenceTriangles
-from ostiform.surface.solve import Factorization, factorize
-
-__all__ = ["MapProblem", "MovingRim", "NewtonResult", "map_problem", "minimised"]
+from ostiform.surface import Factorization, factorize
 
 # Sufficient decrease of the Armijo rule, and share of the largest fold-free step to start from.
 ARMIJO = 1e-4

@@ -21,10 +21,7 @@ from ostiform.embedding.disc import (
     pole_frame,
     tutte_disc,
 )
-from ostiform.surface.operators import vertex_areas
-from ostiform.surface.sphere import inverse_stereographic, stereographic
-
-__all__ = ["OpenedDisc", "opened_disc"]
+from ostiform.surface import inverse_stereographic, stereographic, vertex_areas
 
 # Share of the gap between a hole and the outer circle that the hole's cell takes.
 CELL_SHARE = 0.9

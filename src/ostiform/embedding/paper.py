@@ -26,8 +26,6 @@ from ostiform.embedding.smoothing import smoothed_where_better
 from ostiform.embedding.types import EmbeddingState
 from ostiform.surface import Component, count_flipped
 
-__all__ = ["PaperEmbedding", "PaperSettings", "harmonic_embedding", "paper_states"]
-
 
 @dataclass(frozen=True, slots=True)
 class PaperSettings:

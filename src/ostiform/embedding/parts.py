@@ -11,8 +11,6 @@ from ostiform.embedding.disc import Disc, Opening
 from ostiform.errors import InputError
 from ostiform.surface import Component, Seam, split_ostium_name, without_unreferenced
 
-__all__ = ["PartDisc", "PartOpening", "part_discs", "part_openings", "root_seam"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartOpening:

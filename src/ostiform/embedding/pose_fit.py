@@ -3,9 +3,7 @@
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.surface.operators import vertex_areas
-
-__all__ = ["best_rotation", "best_turn", "posed_moments"]
+from ostiform.surface import vertex_areas
 
 
 def posed_moments(

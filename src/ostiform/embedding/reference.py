@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
-from ostiform.surface.operators import local_frames
-
-__all__ = ["ReferenceTriangles", "equilateral_reference", "surface_reference"]
+from ostiform.surface import local_frames
 
 # Triangles longer than this (longest edge x perimeter / (4 sqrt(3) area), 1 when equilateral) get
 # an equilateral reference: the shape of a sliver is noise of the mesh, and would cap every step.

@@ -12,8 +12,6 @@ from ostiform.embedding.reference import surface_reference
 from ostiform.embedding.untangle import Untangled, untangled
 from ostiform.surface import spherical_areas
 
-__all__ = ["rims_turned"]
-
 # First step and least step, as shares of the way from the angles in the plane to arc length.
 FIRST_STEP = 0.25
 LEAST_STEP = 1.0 / 64.0

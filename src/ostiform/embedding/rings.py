@@ -6,8 +6,6 @@ import numpy as np
 
 from ostiform.arrays import IntArray
 
-__all__ = ["Rings", "vertex_rings"]
-
 
 class Rings(NamedTuple):
     """For vertex v the opposite edges ``start[k], end[k]``, ``offsets[v] <= k < offsets[v + 1]``.

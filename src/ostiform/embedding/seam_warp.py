@@ -15,8 +15,6 @@ from ostiform.domain import Circle, Sphere
 from ostiform.embedding.start import snapped
 from ostiform.surface import Component, Seam
 
-__all__ = ["seams_on_circles"]
-
 # Harmonics of the smooth part of the curve; the rest, of the size of the mesh, follows exactly.
 MAX_HARMONICS = 12
 # The derivative of the bump is at most 1.875 / width: a wider bump keeps latitudes in order.

@@ -6,8 +6,6 @@ from typing import Literal
 from ostiform.embedding.energy import EnergyWeights
 from ostiform.errors import InputError
 
-__all__ = ["METHODS", "EmbeddingSettings", "Method"]
-
 Method = Literal["barrier", "harmonic-barrier", "harmonic"]
 METHODS: tuple[Method, ...] = ("barrier", "harmonic-barrier", "harmonic")
 

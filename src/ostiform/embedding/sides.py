@@ -6,8 +6,6 @@ from ostiform.arrays import BoolArray
 from ostiform.errors import TopologyError
 from ostiform.surface import Component, Seam, component_parts, split_ostium_name
 
-__all__ = ["faces_inside"]
-
 
 def faces_inside(component: Component, seam: Seam) -> BoolArray:
     """Return which faces (F,) lie on the side of `Seam.second`, so inside the seam's circle.

@@ -17,8 +17,6 @@ from numba import njit
 from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from ostiform.embedding.rings import vertex_rings
 
-__all__ = ["SmoothingResult", "smoothed_where_better", "triangle_qualities"]
-
 # Smoothing ends with the sweep that moves fewer than this share of the free vertices.
 LEAST_SHARE_MOVED = 0.01
 

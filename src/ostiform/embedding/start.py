@@ -16,8 +16,6 @@ from ostiform.embedding.types import EmbeddingState
 from ostiform.embedding.untangle import untangled
 from ostiform.surface import Component, count_flipped, rotation_between, spherical_areas
 
-__all__ = ["StartingMap", "on_curves", "snapped", "starting_map", "state"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartingMap:

@@ -13,8 +13,6 @@ from ostiform.domain import Circle, Sphere
 from ostiform.embedding.sides import faces_inside
 from ostiform.surface import Component, unique_edges
 
-__all__ = ["measured_twists", "swept_angles"]
-
 # The base of a tube is put this far from its circle to the nearest other circle, so that the
 # shortest paths end before they reach another rim.
 BASE_SHARE = 0.95

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from ostiform.arrays import FloatArray, frozen_floats, frozen_mapping
 from ostiform.surface import Component, Seam
 
-__all__ = ["Certificate", "Distortion", "Embedding", "EmbeddingState", "SeamJump"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certificate:

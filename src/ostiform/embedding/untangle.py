@@ -15,9 +15,7 @@ from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.embedding.energy import EnergyWeights
 from ostiform.embedding.newton import MapProblem, map_problem, minimised
 from ostiform.embedding.reference import equilateral_reference
-from ostiform.surface.sphere import exact_orientations, spherical_areas, triangle_determinants
-
-__all__ = ["Untangled", "untangled"]
+from ostiform.surface import exact_orientations, spherical_areas, triangle_determinants
 
 # Conformal and area terms weigh alike: the second keeps the first from collapsing triangles.
 UNTANGLING = EnergyWeights(0.0, 0.5, 0.5)

@@ -19,8 +19,6 @@ from scipy.spatial.distance import cdist
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from ostiform.errors import InputError
 
-__all__ = ["ClassicalMeasures", "classical_measures"]
-
 FEWEST_SHAPES = 3
 MODE_COUNTS = (1, 2, 3, 5, 10)
 N_SAMPLES = 1000

@@ -14,8 +14,6 @@ from ostiform.errors import InputError
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId
 
-__all__ = ["VolumeCurve", "enclosed_volumes", "part_volumes", "volume_curves"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VolumeCurve:

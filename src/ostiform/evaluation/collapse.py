@@ -6,13 +6,6 @@ Three signs give that away, none of which a better correspondence of the same su
 
 from ostiform.evaluation.types import Evaluation
 
-__all__ = [
-    "LEAST_NORMAL_SHARE",
-    "MOST_COVERAGE_LOSS",
-    "MOST_WEIGHT_DRIFT",
-    "signs_of_collapse",
-]
-
 LEAST_NORMAL_SHARE = 0.75
 """Least normal variance over what the surfaces allow; models of docs/evidence.md: from 0.86."""
 

@@ -7,8 +7,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.model import ShapeModel
 
-__all__ = ["Compactness", "model_compactness"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compactness:

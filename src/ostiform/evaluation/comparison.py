@@ -12,15 +12,6 @@ from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.folds import Division
 from ostiform.evaluation.types import Evaluation
 
-__all__ = [
-    "PAPER_GAINS",
-    "Comparison",
-    "PairedDifference",
-    "ResidueComparison",
-    "compare",
-    "paired_difference",
-]
-
 PAPER_GAINS = {"conformal": 0.67, "euclidean": 0.25}
 """How much more compact the optimal model was in HY section 3."""
 

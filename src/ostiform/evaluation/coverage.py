@@ -5,11 +5,7 @@ from dataclasses import dataclass
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.evaluation.distances import diameter
 from ostiform.evaluation.generalisation import OriginalMesh
-from ostiform.surface.operators import vertex_areas
-from ostiform.surface.quantiles import weighted_quantile
-from ostiform.surface.queries import distances_to_surface
-
-__all__ = ["Coverage", "shape_coverage"]
+from ostiform.surface import distances_to_surface, vertex_areas, weighted_quantile
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.surface.operators import vertex_areas
-from ostiform.surface.quantiles import weighted_quantile
-from ostiform.surface.queries import SurfaceTree, surface_tree
-
-__all__ = ["SurfaceDistance", "diameter", "surface_distances"]
+from ostiform.surface import SurfaceTree, surface_tree, vertex_areas, weighted_quantile
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,6 @@ from ostiform.evaluation.generalisation import MODE_COUNTS
 from ostiform.model import DynamicModel, ShapeModel, fourier_design, phase_weights, project
 from ostiform.study import ShapeId
 
-__all__ = ["LEVELS", "LevelResidues", "level_residues"]
-
 LEVELS = ("between", "within", "common", "departure")
 """The levels of a dynamic model, by the names that `DynamicModel` gives them."""
 

@@ -5,21 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence import Correspondence
-from ostiform.correspondence.description_length import description_length
+from ostiform.correspondence import Correspondence, description_length
 from ostiform.errors import InputError
 from ostiform.evaluation.classical import FEWEST_SHAPES, classical_measures
 from ostiform.evaluation.compactness import model_compactness
 from ostiform.evaluation.coverage import shape_coverage
 from ostiform.evaluation.generalisation import Generalisation, OriginalMesh
 from ostiform.evaluation.specificity import N_SAMPLES, model_specificity
-from ostiform.evaluation.surface_specificity import surface_specificity
+from ostiform.evaluation.specificity_to_surface import surface_specificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.types import Evaluation
 from ostiform.evaluation.variance import population_spread
 from ostiform.model import ShapeModel
-
-__all__ = ["evaluate_model"]
 
 
 def evaluate_model(  # noqa: PLR0913 (evidence of many kinds is gathered)

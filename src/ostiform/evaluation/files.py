@@ -18,20 +18,11 @@ from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.folds import Division
 from ostiform.evaluation.generalisation import MEASURES, Generalisation
 from ostiform.evaluation.specificity import Specificity
-from ostiform.evaluation.surface_specificity import SurfaceSpecificity
+from ostiform.evaluation.specificity_to_surface import SurfaceSpecificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.types import Evaluation
 from ostiform.evaluation.variance import DividedVariance, PopulationSpread
 from ostiform.study import ShapeId
-
-__all__ = [
-    "comparison_facts",
-    "evaluation_facts",
-    "evaluation_from_facts",
-    "read_evaluation",
-    "write_comparisons",
-    "write_evaluation",
-]
 
 SCHEMA = 1
 

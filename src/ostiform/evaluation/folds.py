@@ -10,8 +10,6 @@ from ostiform.arrays import IntArray
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
 
-__all__ = ["Division", "Fold", "Folds", "cross_validation_folds"]
-
 FEWEST_SUBJECTS = 3
 """With fewer subjects, leaving one out trains on a single subject or on none."""
 

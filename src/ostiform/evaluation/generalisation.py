@@ -9,21 +9,7 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from ostiform.errors import InputError
 from ostiform.evaluation.distances import surface_distances
 from ostiform.evaluation.folds import Division, Fold, Folds
-from ostiform.model import ShapeModel, fit_model, project, reconstruct
-from ostiform.model.types import ModelMesh
-
-__all__ = [
-    "MEASURES",
-    "MODE_COUNTS",
-    "FoldResidues",
-    "Generalisation",
-    "OriginalMesh",
-    "PlacedFold",
-    "Residues",
-    "cross_validated",
-    "fold_residues",
-    "shape_residues",
-]
+from ostiform.model import ModelMesh, ShapeModel, fit_model, project, reconstruct
 
 MODE_COUNTS = tuple(range(11))
 """Numbers of modes at which residues are reported; 0 is the distance to the mean."""

@@ -10,14 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
-from ostiform.correspondence.alignment import align
+from ostiform.correspondence import align
+from ostiform.demo import Deformation, Truth, canonical_points, extract
 from ostiform.model import ModelMesh
-from ostiform.study import ShapeId, Truth
-from ostiform.study.deformation import Deformation
-from ostiform.study.extraction import canonical_points, extract
-from ostiform.surface.operators import vertex_areas
-
-__all__ = ["TruePopulation", "true_population"]
+from ostiform.study import ShapeId
+from ostiform.surface import vertex_areas
 
 
 @dataclass(frozen=True, slots=True, eq=False)

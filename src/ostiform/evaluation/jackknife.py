@@ -13,8 +13,6 @@ from scipy.special import stdtrit
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 
-__all__ = ["GainInterval", "cumulative_variance_error", "gain_interval"]
-
 CONFIDENCE = 0.95
 FEWEST_SUBJECTS = 3
 

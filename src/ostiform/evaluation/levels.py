@@ -24,8 +24,6 @@ from ostiform.model import (
     variance_shares,
 )
 
-__all__ = ["DynamicEvaluation", "dynamic_evaluation_facts", "evaluate_dynamic_model"]
-
 QUICK = TrajectorySettings(harmonics=(3,), smoothness=(1e-3,), stiffness=(10.0,), powers=(4,))
 """For models of folds, of which only the levels are used."""
 

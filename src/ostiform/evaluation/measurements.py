@@ -24,18 +24,7 @@ from ostiform.errors import InputError
 from ostiform.evaluation.clinical import part_volumes
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId
-from ostiform.surface.operators import vertex_areas
-
-__all__ = [
-    "ClinicalTable",
-    "LongAxis",
-    "RimMeasures",
-    "clinical_measures",
-    "clinical_table",
-    "long_axes",
-    "rim_measures",
-    "twist_angles",
-]
+from ostiform.surface import vertex_areas
 
 MM3_PER_ML = 1000.0
 THIRD = 1.0 / 3.0

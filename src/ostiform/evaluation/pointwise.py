@@ -10,8 +10,6 @@ from ostiform.errors import InputError
 from ostiform.evaluation.folds import Division, cross_validation_folds
 from ostiform.study import ShapeId
 
-__all__ = ["PointResidues", "left_out_point_residues"]
-
 FEWEST_SHAPES = 4
 """As for the generalisation: with fewer, a model without one of them has too little left."""
 

@@ -18,8 +18,6 @@ from ostiform.model import (
     resampled_cycle,
 )
 
-__all__ = ["PredictionErrors", "baseline_cycles", "prediction_errors"]
-
 QUANTILE = float(ndtri(0.975))
 """Half-width of a 95 % interval in standard deviations."""
 

@@ -10,8 +10,6 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from ostiform.evaluation.generalisation import MODE_COUNTS
 from ostiform.model import ShapeModel, project, reconstruct, sample_scores
 
-__all__ = ["N_SAMPLES", "Specificity", "model_specificity"]
-
 N_SAMPLES = 1000
 SAMPLE_LIMIT = 3.0
 """Standard deviations at which random scores are truncated."""

@@ -7,8 +7,6 @@ from pathlib import Path
 from ostiform.atomic import atomically
 from ostiform.evaluation.types import Evaluation
 
-__all__ = ["COLUMNS", "evaluation_rows", "write_evaluation_table"]
-
 COLUMNS = (
     "model",
     "modes",

@@ -11,8 +11,6 @@ from ostiform.correspondence import Correspondence
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
 
-__all__ = ["MaterialMap", "TruthDistance", "distance_to_truth"]
-
 MaterialMap: TypeAlias = Callable[[ShapeId, str, FloatArray], FloatArray]
 """From a shape, one of its parts and n points to n points: input coordinates to material
 coordinates (n, D) or back. The way to material coordinates first projects to the true surface."""

@@ -8,12 +8,10 @@ from ostiform.evaluation.compactness import Compactness
 from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.generalisation import Generalisation
 from ostiform.evaluation.specificity import Specificity
-from ostiform.evaluation.surface_specificity import SurfaceSpecificity
+from ostiform.evaluation.specificity_to_surface import SurfaceSpecificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.variance import PopulationSpread
 from ostiform.study import ShapeId
-
-__all__ = ["Evaluation"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,19 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.correspondence.sweeps import area_shares
+from ostiform.correspondence import area_shares
 from ostiform.errors import InputError
-from ostiform.surface import closest_points, surface_tree
-from ostiform.surface.normals import vertex_normals
-
-__all__ = [
-    "DividedVariance",
-    "PopulationSpread",
-    "divided_variance",
-    "population_spread",
-    "surface_variance",
-    "weight_drift",
-]
+from ostiform.surface import closest_points, surface_tree, vertex_normals
 
 MOST_PAIRS = 100
 """Ordered pairs of shapes whose distance is measured; of more, so many are drawn."""

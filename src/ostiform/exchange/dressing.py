@@ -9,8 +9,6 @@ from ostiform.exchange.vertex_order import DEFAULT_PART, OrderedShapes
 from ostiform.model import ModelMesh
 from ostiform.surface import oriented_outward
 
-__all__ = ["dressed", "medoid_shape"]
-
 
 def medoid_shape(aligned: FloatArray) -> int:
     """Return the index of the shape (N, P, 3) nearest to the mean of all."""

@@ -18,8 +18,6 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
 
-__all__ = ["MorphTarget", "SceneMesh", "WeightAnimation", "glb_bytes", "write_glb"]
-
 FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942

@@ -12,8 +12,6 @@ from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
 
-__all__ = ["Landmark", "read_landmarks", "write_landmarks"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Landmark:

@@ -11,8 +11,6 @@ from ostiform.errors import InputError
 from ostiform.exchange.gltf import MorphTarget, SceneMesh, WeightAnimation, write_glb
 from ostiform.model import ModelMesh, ShapeModel, StoredModel, reconstruct
 
-__all__ = ["CycleFrames", "mean_cycle_frames", "write_cycle_glb", "write_modes_glb"]
-
 SWING = 2.0
 """Standard deviations of a swing to either side (HY Fig. 3)."""
 SWING_SECONDS = 3.0

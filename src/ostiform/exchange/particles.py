@@ -18,16 +18,6 @@ from ostiform.arrays import FloatArray, frozen_mapping
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
 
-__all__ = [
-    "PARTICLE_SUFFIXES",
-    "ProjectRow",
-    "read_particles",
-    "read_project",
-    "write_particles",
-    "write_swproj",
-    "write_xlsx_project",
-]
-
 PARTICLE_SUFFIXES = (".particles", ".lpts", ".wpts", ".pts")
 PROJECT_VERSION = "2"
 

@@ -7,8 +7,6 @@ import numpy as np
 from ostiform.model import CorrespondedShapes, StoredModel
 from ostiform.surface import write_surface
 
-__all__ = ["write_shape_vtp"]
-
 
 def write_shape_vtp(
     path: Path, shapes: CorrespondedShapes, index: int, stored: StoredModel, aligned: bool = False

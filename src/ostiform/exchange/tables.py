@@ -11,8 +11,6 @@ from ostiform.atomic import atomically
 from ostiform.model import StoredModel
 from ostiform.study import ShapeId
 
-__all__ = ["write_scores_csv", "write_shape_values_csv", "write_table", "write_volumes_csv"]
-
 MM3_PER_ML = 1000.0
 IDENTITY = ("subject", "phase", "time")
 

@@ -22,16 +22,6 @@ from ostiform.model import ModelMesh
 from ostiform.study import ShapeId, natural_key
 from ostiform.surface import RawMesh, boundary_loops, oriented_outward, read_mesh
 
-__all__ = [
-    "OrderedShapes",
-    "SourceFile",
-    "found_ids",
-    "mesh_with_openings",
-    "read_landmark_shapes",
-    "read_ordered_meshes",
-    "read_particle_shapes",
-]
-
 DEFAULT_PART = "surface"
 PART_ARRAY = "part"
 """Cell array that says which part a triangle belongs to."""

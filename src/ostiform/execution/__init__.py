@@ -1,7 +1,5 @@
 """One function over many items: in this process, in several, or on a cluster."""
 
-from ostiform.execution.cluster import ClusterWorkers
-from ostiform.execution.outcome import Executor, Outcome
-from ostiform.execution.processes import Workers
+import lazy_loader
 
-__all__ = ["ClusterWorkers", "Executor", "Outcome", "Workers"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,8 +16,6 @@ from ostiform import __version__
 from ostiform.errors import InputError, OstiformError
 from ostiform.execution.outcome import Outcome, Packed, outcome_of, packed, single_threaded
 
-__all__ = ["ClusterWorkers"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Shared = TypeVarTuple("Shared")

@@ -10,8 +10,6 @@ from threadpoolctl import threadpool_limits
 
 from ostiform.errors import OstiformError
 
-__all__ = ["Executor", "Outcome", "Packed", "outcome_of", "packed", "single_threaded"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Shared = TypeVarTuple("Shared")

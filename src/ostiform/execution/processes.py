@@ -23,8 +23,6 @@ from typing import TypeVar, TypeVarTuple
 from ostiform.errors import OstiformError
 from ostiform.execution.outcome import Outcome, Packed, outcome_of, packed, single_threaded
 
-__all__ = ["Workers"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Shared = TypeVarTuple("Shared")

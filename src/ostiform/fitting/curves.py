@@ -10,8 +10,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = ["joined_curves"]
-
 
 def joined_curves(points: FloatArray, pieces: Sequence[IntArray]) -> tuple[FloatArray, ...]:
     """Return curves (m, 3) from polylines, joined wherever exactly two ends meet.

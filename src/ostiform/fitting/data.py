@@ -17,10 +17,7 @@ from ostiform.fitting.types import (
     SurfaceTarget,
     Target,
 )
-from ostiform.surface import SurfaceTree, surface_tree, vertex_areas
-from ostiform.surface.normals import vertex_normals
-
-__all__ = ["KINDS", "Data", "PointSet", "PreparedSurface", "prepared_data", "sparser"]
+from ostiform.surface import SurfaceTree, surface_tree, vertex_areas, vertex_normals
 
 KINDS = ("surface", "rims", "points", "contours", "landmarks")
 """Kinds of data; each has a noise of its own."""

@@ -18,12 +18,16 @@ from ostiform.fitting.types import (
     SurfaceTarget,
     Target,
 )
-from ostiform.study.markups import read_markups
-from ostiform.surface import MESH_SUFFIXES, RawMesh, boundary_loops, read_mesh
-from ostiform.surface.polylines import read_polylines
-from ostiform.surface.repair import MendedMesh, mended_mesh
-
-__all__ = ["FileRules", "TargetKind", "read_named_points", "read_targets"]
+from ostiform.study import read_markups
+from ostiform.surface import (
+    MESH_SUFFIXES,
+    MendedMesh,
+    RawMesh,
+    boundary_loops,
+    mended_mesh,
+    read_mesh,
+    read_polylines,
+)
 
 TargetKind: TypeAlias = Literal["auto", "surface", "points", "contours", "landmarks"]
 

@@ -27,8 +27,6 @@ from ostiform.fitting.types import (
 )
 from ostiform.fitting.typical import typicality
 
-__all__ = ["fit_shape"]
-
 COARSE = Rules(use_field=False, gated=False, stride=8, most_iterations=5)
 MIDDLE = Rules(use_field=False, gated=True, stride=2, most_iterations=6)
 FINE = Rules(use_field=True, gated=True, stride=1, most_iterations=12)

@@ -5,8 +5,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = ["design_rows", "point_covariances"]
-
 
 @njit(cache=True)
 def design_rows(

@@ -11,8 +11,6 @@ from ostiform.errors import InputError
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import LandmarkTarget
 
-__all__ = ["Labelled", "labelled"]
-
 NUMBERED = re.compile(r"^(?P<name>.+?)[-_ ](?P<number>\d+)$")
 
 

@@ -17,15 +17,6 @@ from ostiform.evaluation import Fold, cross_validation_folds
 from ostiform.model import ShapeModel, StoredModel
 from ostiform.study import ShapeId
 
-__all__ = [
-    "Leftover",
-    "LeftoverSource",
-    "estimated_leftover",
-    "leftover_of_spectrum",
-    "matern",
-    "spread_points",
-]
-
 SAMPLED_POINTS = 500
 """Points at which correlations are measured; their pairs are a hundred thousand."""
 

@@ -11,17 +11,6 @@ from ostiform.fitting.observations import Observations
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import FitSettings, Pose, placed
 
-__all__ = [
-    "LinearSystem",
-    "State",
-    "linear_system",
-    "moved",
-    "placed_points",
-    "pose_rows",
-    "pose_size",
-    "prior_information",
-]
-
 NEAR_SD = np.radians(30.0)
 """Standard deviation of the rotation where the pose is nearly known."""
 

@@ -12,8 +12,6 @@ from ostiform.fitting.patches import Patch, curve_distance
 from ostiform.fitting.prior import FitPrior
 from ostiform.surface import closest_points, surface_tree
 
-__all__ = ["with_openings_matched"]
-
 REACH = 3.0
 """Standard deviations of what the modes leave within which a loop must lie."""
 

@@ -11,18 +11,6 @@ from ostiform.fitting.observations import Observations
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import FitSettings
 
-__all__ = [
-    "STUDENT_DOF",
-    "Evidence",
-    "evidence_of",
-    "independent_share",
-    "inlier_probabilities",
-    "inlier_shares",
-    "starting_noise",
-    "student_weights",
-    "updated_noise",
-]
-
 STUDENT_DOF = 3.0
 """Of the data's distribution: heavy enough for a fifth of outliers."""
 

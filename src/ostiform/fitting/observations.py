@@ -19,10 +19,7 @@ from ostiform.fitting.data import LANDMARKS, RIMS, SURFACE, Data, PointSet, Prep
 from ostiform.fitting.landmarks import Labelled
 from ostiform.fitting.patches import closest_on_curve, curve_samples
 from ostiform.fitting.prior import FitPrior
-from ostiform.surface import SurfaceTree, closest_points, surface_tree
-from ostiform.surface.normals import vertex_normals
-
-__all__ = ["ModelSurface", "Observations", "model_surface", "observations"]
+from ostiform.surface import SurfaceTree, closest_points, surface_tree, vertex_normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)

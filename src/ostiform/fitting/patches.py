@@ -11,15 +11,6 @@ from ostiform.surface import (
     face_areas,
 )
 
-__all__ = [
-    "Patch",
-    "closest_on_curve",
-    "curve_distance",
-    "curve_samples",
-    "even_samples",
-    "open_patch",
-]
-
 AT_CORNER = 1e-6
 """Barycentric coordinates below this are zero: a millionth of a triangle."""
 

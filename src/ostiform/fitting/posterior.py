@@ -22,8 +22,6 @@ from ostiform.fitting.solver import Solution
 from ostiform.fitting.types import FitSettings, ShapeFit
 from ostiform.fitting.typical import FieldEnergy, field_energy, field_scale
 
-__all__ = ["Posterior", "posterior_of", "shape_deviations"]
-
 KEPT_VARIANCE = 0.99
 """Share of a shape's uncertainty that its leading directions hold."""
 

@@ -10,8 +10,6 @@ from ostiform.fitting.leftover import Leftover, LeftoverSource, estimated_leftov
 from ostiform.model import ShapeModel, StoredModel
 from ostiform.surface import median_edge_length, vertex_areas
 
-__all__ = ["FitPrior", "fit_prior"]
-
 MODES_SHARE = 0.9995
 """Modes beyond this share of the variance join the leftover."""
 

@@ -12,11 +12,9 @@ from ostiform.surface import (
     closest_points,
     surface_tree,
     vertex_areas,
+    vertex_normals,
+    weighted_quantile,
 )
-from ostiform.surface.normals import vertex_normals
-from ostiform.surface.quantiles import weighted_quantile
-
-__all__ = ["measured_residues"]
 
 
 def measured_residues(

@@ -13,8 +13,6 @@ from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import ShapeFit
 from ostiform.surface import SurfaceDistance, write_surface
 
-__all__ = ["fit_facts", "write_fit"]
-
 
 def fit_facts(prior: FitPrior, fit: ShapeFit) -> dict[str, Any]:
     """Return a fit as JSON holds it: lengths in mm, matrices for column vectors."""

@@ -39,8 +39,6 @@ from ostiform.fitting.observations import model_surface, observations
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import FitSettings
 
-__all__ = ["Rules", "Solution", "solve"]
-
 SETTLED = 0.01
 """Largest move of a point, in edges of the model, at which the shape has settled."""
 

@@ -12,14 +12,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from ostiform.arrays import FloatArray
-from ostiform.domain.procrustes import best_rotations
+from ostiform.domain import best_rotations
 from ostiform.errors import InputError
 from ostiform.fitting.data import Data
 from ostiform.fitting.leftover import spread_points
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import IDENTITY, FitSettings, Pose
-
-__all__ = ["starting_poses"]
 
 SAMPLES = 200
 """Points of the data that the search for the pose looks at."""

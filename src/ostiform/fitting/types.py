@@ -11,22 +11,6 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, fr
 from ostiform.errors import InputError
 from ostiform.surface import SurfaceDistance
 
-__all__ = [
-    "CloudTarget",
-    "ContourTarget",
-    "FitSettings",
-    "FitStatus",
-    "LandmarkTarget",
-    "Pose",
-    "PoseKnowledge",
-    "Residue",
-    "Scaling",
-    "ShapeFit",
-    "SurfaceTarget",
-    "Target",
-    "Typicality",
-]
-
 PoseKnowledge: TypeAlias = Literal["known", "near", "unknown"]
 Scaling: TypeAlias = Literal["rigid", "similarity"]
 

@@ -9,8 +9,6 @@ from ostiform.arrays import FloatArray
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import Typicality
 
-__all__ = ["FieldEnergy", "field_energy", "field_scale", "typicality"]
-
 OUTLIER_PERCENTILE = 0.995
 """A shape beyond this share of the population, in all modes or in the leading ones or beyond the
 modes, is called an outlier."""

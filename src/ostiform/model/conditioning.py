@@ -12,8 +12,6 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from ostiform.arrays import FloatArray
 from ostiform.model.trajectories import fourier_design
 
-__all__ = ["CyclePosterior", "CyclePrior", "cycle_energies", "cycle_posterior"]
-
 ROUNDING = 1e-9
 """Relative to the variance of the motion: keeps its covariance at close times regular."""
 

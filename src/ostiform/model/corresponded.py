@@ -28,8 +28,6 @@ from ostiform.model.hdf5 import (
 from ostiform.model.types import ModelMesh, check_weights
 from ostiform.study import ShapeId
 
-__all__ = ["CorrespondedShapes", "read_corresponded_shapes", "write_corresponded_shapes"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrespondedShapes:

@@ -19,14 +19,6 @@ from ostiform.model.pca import project, reconstruct
 from ostiform.model.trajectories import fourier_design
 from ostiform.model.types import ShapeModel
 
-__all__ = [
-    "CycleModel",
-    "beating_shape",
-    "cycle_shapes",
-    "fit_cycle_model",
-    "random_cycles",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleModel:

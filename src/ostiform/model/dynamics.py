@@ -40,22 +40,6 @@ from ostiform.model.trajectories import (
 from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
 from ostiform.study import ShapeId
 
-__all__ = [
-    "DynamicModel",
-    "PhasePrediction",
-    "VarianceShare",
-    "between_share",
-    "dynamic_model_of",
-    "fit_dynamic_model",
-    "mean_cycle",
-    "phase_prediction",
-    "resampled_cycle",
-    "level_shapes",
-    "subject_means",
-    "variance_shares",
-    "within_shapes",
-]
-
 CONFIDENCE = 0.95
 
 

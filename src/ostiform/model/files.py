@@ -22,15 +22,7 @@ from ostiform.model.hdf5 import (
 )
 from ostiform.model.pca import reconstruct
 from ostiform.model.types import ShapeModel
-from ostiform.surface.files import write_surface
-
-__all__ = [
-    "read_correspondence",
-    "write_corresponded_shape",
-    "write_correspondence",
-    "write_mean",
-    "write_mode",
-]
+from ostiform.surface import write_surface
 
 
 def write_correspondence(path: Path, correspondence: Correspondence) -> None:

@@ -17,23 +17,6 @@ from ostiform.errors import ArtifactError, InputError, OstiformError
 from ostiform.model.types import ModelMesh
 from ostiform.study import ShapeId
 
-__all__ = [
-    "SCHEMA",
-    "put_facts",
-    "put_ids",
-    "put_mesh",
-    "put_shapes",
-    "put_template",
-    "put_texts",
-    "reading",
-    "take_ids",
-    "take_loops",
-    "take_shapes",
-    "take_template",
-    "take_texts",
-    "writing",
-]
-
 SCHEMA = 1
 """Version of the layouts of design section 7."""
 

@@ -17,21 +17,12 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ostiform.arrays import FloatArray, frozen_floats
-from ostiform.domain.procrustes import best_rotations, homogeneous
+from ostiform.domain import best_rotations, homogeneous
 from ostiform.errors import InputError
 from ostiform.model.conditioning import CyclePrior, cycle_energies, cycle_posterior
 from ostiform.model.dynamics import DynamicModel, mean_cycle
 from ostiform.model.pca import reconstruct
 from ostiform.model.trajectories import fourier_design
-
-__all__ = [
-    "ENOUGH_SUBJECTS",
-    "CyclePredictor",
-    "distinct_times",
-    "fit_cycle_predictor",
-    "pose_to_mean_cycle",
-    "posed_cycles",
-]
 
 ENOUGH_SUBJECTS = 20
 """With fewer training subjects the distribution of cycles is hardly known."""

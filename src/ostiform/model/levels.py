@@ -12,8 +12,6 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.model.trajectories import fourier_design
 from ostiform.study import ShapeId
 
-__all__ = ["common_motion", "group_means", "level_scores", "level_shares", "subject_indices"]
-
 
 def subject_indices(ids: Sequence[ShapeId]) -> IntArray:
     """Return the number (N,) of every shape's subject, in study order."""

@@ -9,24 +9,9 @@ from scipy.linalg import cho_factor, cho_solve, eigh, svd
 from scipy.special import ndtr, ndtri
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
-from ostiform.correspondence.streamed_spectrum import streamed_spectrum
+from ostiform.correspondence import streamed_spectrum
 from ostiform.errors import InputError
 from ostiform.model.types import ModelMesh, ShapeModel, check_weights
-
-__all__ = [
-    "fit_model",
-    "marginal",
-    "model_in_span",
-    "part_marginal",
-    "posterior",
-    "principal_modes",
-    "project",
-    "reconstruct",
-    "sample_scores",
-    "sample_shapes",
-    "truncated",
-]
-
 
 LARGEST_EXACT = 2000
 """Modes beyond which only the leading ones are computed."""

@@ -9,8 +9,6 @@ from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
 
-__all__ = ["phase_weights", "with_landmarks_aligned"]
-
 
 def phase_weights(ids: Sequence[ShapeId]) -> FloatArray:
     """Return the weight (N,) of every shape: 1 / S per subject, shared by the cycle's course.

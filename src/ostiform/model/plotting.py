@@ -13,8 +13,6 @@ from ostiform.model.types import ShapeModel
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["Colouring", "model_plotter", "point_deviations"]
-
 Colouring = Literal["part", "displacement", "deviation"]
 
 # Okabe & Ito (2008), distinguishable with any common colour-vision deficiency.

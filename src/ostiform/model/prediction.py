@@ -28,8 +28,6 @@ from ostiform.model.learning import (
 from ostiform.model.pca import reconstruct
 from ostiform.model.types import ShapeModel
 
-__all__ = ["ObservedPhase", "PredictedCycle", "fitted_phase", "predict_cycle"]
-
 KEPT_VARIANCE = 1e-4
 """Directions of the scores' uncertainty below this share of the largest are dropped."""
 

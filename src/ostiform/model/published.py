@@ -27,9 +27,7 @@ from ostiform.errors import InputError
 from ostiform.model.hdf5 import reading
 from ostiform.model.pca import principal_modes, weighted_size
 from ostiform.model.types import ModelMesh, ShapeModel
-from ostiform.surface.legacy_vtk import read_legacy_vtk
-
-__all__ = ["opened_model", "published_model"]
+from ostiform.surface import read_legacy_vtk
 
 PART = "surface"
 """Name of the only part of a model that states no parts."""

@@ -24,8 +24,6 @@ from ostiform.surface import (
     vertex_areas,
 )
 
-__all__ = ["at_level", "resampled", "resampled_onto"]
-
 
 def resampled(model: ShapeModel, n_points: int) -> ShapeModel:
     """Return the model on a new, even triangulation of its mean.

@@ -30,8 +30,6 @@ from ostiform.model.hdf5 import (
 from ostiform.model.published import opened_model, published_model
 from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
 
-__all__ = ["read_model", "read_statismo", "write_model"]
-
 OWN_GROUP = "ostiform"
 REPRESENTER = "vtkStandardMeshRepresenter"
 

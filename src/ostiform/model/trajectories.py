@@ -31,14 +31,6 @@ from scipy.linalg import eigh
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = [
-    "TrajectorySettings",
-    "Trajectories",
-    "fit_trajectories",
-    "fourier_design",
-    "interpolation_errors",
-]
-
 FITTED_EXACTLY = 1e-9
 """Phases with ``1 - H_ii`` below this cannot be predicted from the others."""
 

@@ -19,8 +19,6 @@ from ostiform.study import ShapeId
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["ModelMesh", "ShapeModel", "StoredModel", "mesh_of_template"]
-
 ORTHONORMAL_TOLERANCE = 1e-8
 """Largest entry of |Phi^T W Phi - I|, a pure number: rounding of sums over 3P products."""
 

@@ -18,8 +18,6 @@ from ostiform.errors import InputError
 from ostiform.model.pca import principal_modes, project, reconstruct, weighted_size
 from ostiform.model.types import ShapeModel, StoredModel
 
-__all__ = ["Kernel", "Widened", "kernel_factor", "kernel_values", "widened", "widened_stored"]
-
 KernelShape = Literal["gaussian", "compact"]
 
 LEFT_OUT = 0.01

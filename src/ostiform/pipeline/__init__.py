@@ -1,6 +1,5 @@
 """From a study to an output folder: the stages, resumed and skipped by what they depend on."""
 
-from ostiform.pipeline.build import Stage, Summary, build_study
-from ostiform.pipeline.events import Event, Note, Progress, Warn
+import lazy_loader
 
-__all__ = ["Event", "Note", "Progress", "Stage", "Summary", "Warn", "build_study"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -53,8 +53,6 @@ from ostiform.study import (
     read_study,
 )
 
-__all__ = ["AddedShape", "Addition", "add_shapes"]
-
 
 @dataclass(frozen=True, slots=True)
 class AddedShape:

@@ -14,8 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ostiform.arrays import IntArray
-from ostiform.correspondence.alignment import AlignmentMode, align
-from ostiform.correspondence.description_length import cut_off_eigenvalue, description_length
+from ostiform.correspondence import AlignmentMode, align, cut_off_eigenvalue, description_length
 from ostiform.errors import InputError, TopologyError
 from ostiform.evaluation import (
     Evaluation,
@@ -48,8 +47,6 @@ from ostiform.pipeline.events import Note, Progress, Tell, Warn
 from ostiform.pipeline.store import Store, key_of
 from ostiform.study import ShapeId
 from ostiform.surface import median_edge_length, vertex_areas
-
-__all__ = ["Adopted", "adopt_shapes"]
 
 NOISE_OVER_EDGE = 0.2
 """Noise per coordinate of a surface whose noise is not stated, over its median edge (design 5)."""

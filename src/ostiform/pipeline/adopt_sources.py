@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence.alignment import align
+from ostiform.correspondence import align
 from ostiform.errors import InputError
 from ostiform.exchange import (
     PARTICLE_SUFFIXES,
@@ -23,11 +23,8 @@ from ostiform.exchange import (
     read_particle_shapes,
     read_project,
 )
-from ostiform.study import ShapeId
-from ostiform.study.sheet import read_sheet
+from ostiform.study import ShapeId, read_sheet
 from ostiform.surface import MESH_SUFFIXES, read_mesh
-
-__all__ = ["SourceSettings", "read_source"]
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 SIGNS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}

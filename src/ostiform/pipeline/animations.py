@@ -10,7 +10,7 @@ import numpy as np
 
 from ostiform.model import DynamicModel, ShapeModel, mean_cycle
 from ostiform.pipeline.store import Store, key_of
-from ostiform.report.animation import (
+from ostiform.report import (
     FRAMES,
     Animation,
     cycle_animation,
@@ -18,8 +18,6 @@ from ostiform.report.animation import (
     write_frames,
     write_webp,
 )
-
-__all__ = ["MODES_ANIMATED", "mean_cycle_animation", "write_animations"]
 
 MODES_ANIMATED = 3
 

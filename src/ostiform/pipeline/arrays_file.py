@@ -25,15 +25,6 @@ from ostiform.errors import ArtifactError
 from ostiform.study import Shape, ShapeId
 from ostiform.surface import Component, Seam, Surface
 
-__all__ = [
-    "read_embeddings",
-    "read_level_state",
-    "read_shape",
-    "write_embeddings",
-    "write_level_state",
-    "write_shape",
-]
-
 SCHEMA = 1
 
 Facts = dict[str, Any]

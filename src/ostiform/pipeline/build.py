@@ -21,8 +21,6 @@ from ostiform.pipeline.store import Store, key_of
 from ostiform.pipeline.stored_shapes import remove_samplers
 from ostiform.study import Study, read_study
 
-__all__ = ["Stage", "Summary", "build_study"]
-
 
 class Stage(IntEnum):
     """The stages, in order; running one runs those before it that are not current."""

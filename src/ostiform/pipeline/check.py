@@ -23,8 +23,6 @@ from ostiform.study import (
     survey_shape,
 )
 
-__all__ = ["PartRow", "ShapeCheck", "check_study"]
-
 
 @dataclass(frozen=True, slots=True)
 class PartRow:

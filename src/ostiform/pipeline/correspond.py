@@ -34,13 +34,6 @@ from ostiform.pipeline.stored_shapes import stored_shapes
 from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
 
-__all__ = [
-    "Corresponded",
-    "convergence_warning",
-    "correspond_shapes",
-    "correspondence_settings",
-]
-
 FACTS = "correspondence.json"
 
 

@@ -11,9 +11,7 @@ from ostiform.exchange import write_table
 from ostiform.model import StoredModel
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import key_of
-from ostiform.study.sheet import read_sheet
-
-__all__ = ["COVARIATES", "read_covariates", "write_covariates"]
+from ostiform.study import read_sheet
 
 COVARIATES = "covariates.csv"
 

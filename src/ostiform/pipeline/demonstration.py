@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ostiform.demo import write_demonstration
 from ostiform.execution import Workers
 from ostiform.pipeline.events import Progress, Tell
 from ostiform.pipeline.store import Store, key_of
-from ostiform.study.demonstration import write_demonstration
-
-__all__ = ["demonstration_study"]
 
 
 @dataclass(frozen=True, slots=True)

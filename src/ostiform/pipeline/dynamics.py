@@ -21,8 +21,6 @@ from ostiform.exchange import write_shape_values_csv
 from ostiform.model import StoredModel, dynamic_model_of, with_landmarks_aligned, write_model
 from ostiform.pipeline.store import Store, key_of
 
-__all__ = ["Dynamics", "write_dynamics"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dynamics:

@@ -16,8 +16,6 @@ from ostiform.pipeline.prepare import Prepared, prepared_components, shape_artif
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
 from ostiform.pipeline.store import Store, key_of
 
-__all__ = ["Embedded", "embed_shapes", "embedding_artifact"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Embedded:

@@ -21,6 +21,7 @@ from ostiform.correspondence import (
     correspond,
     place,
 )
+from ostiform.demo import material_coordinates, read_truth, true_positions
 from ostiform.evaluation import (
     MEASURES,
     Evaluation,
@@ -56,9 +57,6 @@ from ostiform.pipeline.store import Store, file_hash, key_of
 from ostiform.pipeline.stored_shapes import StoredShapes, stored_shapes
 from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
-from ostiform.study.truth import material_coordinates, read_truth, true_positions
-
-__all__ = ["evaluate_models", "original_mesh"]
 
 COMPARISON = "comparison.json"
 TABLE = "evaluation.csv"

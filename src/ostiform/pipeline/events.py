@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-__all__ = ["Event", "Note", "Progress", "Tell", "Warn"]
-
 
 @dataclass(frozen=True, slots=True)
 class Progress:

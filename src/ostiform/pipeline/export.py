@@ -32,8 +32,6 @@ from ostiform.model import (
 )
 from ostiform.pipeline.store import slug
 
-__all__ = ["FORMATS", "ExportFormat", "export_results"]
-
 ExportFormat = Literal["statismo", "vtp", "gltf", "csv", "particles"]
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 DEVIATIONS = (-2.0, 2.0)

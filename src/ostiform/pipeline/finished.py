@@ -27,8 +27,6 @@ from ostiform.study import (
     survey_shape,
 )
 
-__all__ = ["FinishedModel", "embedded_in", "finished_model", "new_entries", "read_named"]
-
 READ_STAGES = ("look", "read")
 
 

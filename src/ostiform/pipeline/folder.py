@@ -10,8 +10,6 @@ from ostiform.atomic import remove_leftovers
 from ostiform.errors import ArtifactError, InputError
 from ostiform.pipeline.store import RECORDS
 
-__all__ = ["taken"]
-
 LOCK = "lock"
 
 

@@ -9,10 +9,7 @@ from ostiform.correspondence import SurfaceMarks
 from ostiform.errors import InputError
 from ostiform.exchange import read_landmarks
 from ostiform.pipeline.store import file_hash
-from ostiform.study import ShapeId, Study
-from ostiform.study.parts import internal_factors
-
-__all__ = ["landmark_inputs", "stated_marks"]
+from ostiform.study import ShapeId, Study, internal_factors
 
 
 def stated_marks(study: Study, ids: Sequence[ShapeId]) -> tuple[SurfaceMarks | None, ...]:

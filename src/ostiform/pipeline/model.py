@@ -26,8 +26,6 @@ from ostiform.pipeline.events import Progress
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import key_of, slug
 
-__all__ = ["model_shapes"]
-
 MODES_AS_MESHES = 5
 DEVIATIONS = (-3.0, -2.0, 2.0, 3.0)
 

@@ -16,6 +16,7 @@ from ostiform.pipeline.events import Warn
 from ostiform.pipeline.run import Failure, Run, over_shapes
 from ostiform.pipeline.store import Store, file_hash, key_of, slug
 from ostiform.study import (
+    LayoutCircle,
     ShapeEntry,
     ShapeId,
     ShapeNames,
@@ -27,10 +28,7 @@ from ostiform.study import (
     survey_shape,
     survey_to_json,
 )
-from ostiform.study.layout_names import LayoutCircle
 from ostiform.surface import split_ostium_name
-
-__all__ = ["Named", "layout_circles", "name_shapes", "reading_inputs"]
 
 READING_SETTINGS = {
     "repair",

@@ -19,14 +19,15 @@ from ostiform.errors import InputError
 from ostiform.evaluation import clinical_measures, long_axes
 from ostiform.exchange import write_shape_values_csv
 from ostiform.fitting import (
+    FileRules,
     FitPrior,
     FitSettings,
     ShapeFit,
     fit_prior,
     fit_shape,
+    read_targets,
     shape_deviations,
 )
-from ostiform.fitting.files import FileRules, read_targets
 from ostiform.model import (
     ENOUGH_SUBJECTS,
     CyclePredictor,
@@ -40,16 +41,7 @@ from ostiform.model import (
     reconstruct,
 )
 from ostiform.study import ShapeId
-from ostiform.surface import write_surface
-from ostiform.surface.files import read_mesh
-
-__all__ = [
-    "Prediction",
-    "phase_of_fit",
-    "predicted_cycle",
-    "weak_prior_warning",
-    "write_prediction",
-]
+from ostiform.surface import read_mesh, write_surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,8 +36,6 @@ from ostiform.pipeline.store import Store, key_of, slug
 from ostiform.study import Shape, ShapeEntry, ShapeNames, Study, read_shape
 from ostiform.surface import Component, cleaned_for_embedding, welded_components
 
-__all__ = ["Prepared", "prepare_shapes", "prepared_components", "shape_artifact"]
-
 MIRRORED = "mirrored.json"
 
 

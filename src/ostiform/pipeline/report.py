@@ -79,8 +79,6 @@ from ostiform.report import (
     volumes_section,
 )
 
-__all__ = ["report_again", "report_run"]
-
 LIBRARIES = ("numpy", "scipy", "numba", "vtk", "libigl", "h5py", "matplotlib")
 RESULTS = {
     "model.h5": "the optimal model (statismo layout): mean, modes, variances, mesh",

@@ -18,8 +18,6 @@ from ostiform.pipeline.run import Ready
 from ostiform.pipeline.store import Store, key_of
 from ostiform.report import MapRecord, StateView, map_record
 
-__all__ = ["map_records", "state_view"]
-
 PAPER_CHAIN = "paper-chain.npz"
 
 

@@ -10,8 +10,6 @@ from ostiform.pipeline.report import report_again
 from ostiform.pipeline.report_record import changed_inputs, read_record
 from ostiform.pipeline.store import Store
 
-__all__ = ["report_study"]
-
 NAMED = 3
 """Files that are named where several have changed or are gone."""
 

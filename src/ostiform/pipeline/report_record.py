@@ -14,16 +14,6 @@ from ostiform.pipeline.run import Failure, Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
 from ostiform.study import ShapeId
 
-__all__ = [
-    "InputFile",
-    "RunRecord",
-    "after",
-    "changed_inputs",
-    "read_record",
-    "recorded_inputs",
-    "write_record",
-]
-
 RECORD = "run.json"
 SCHEMA = 1
 

@@ -12,8 +12,6 @@ from ostiform.pipeline.events import Progress, Tell, Warn
 from ostiform.pipeline.store import Store
 from ostiform.study import ShapeId, Study
 
-__all__ = ["Failure", "Ready", "Run", "over_shapes", "survivors"]
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

@@ -14,13 +14,10 @@ from typing import Any
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence import ShapeSampler
-from ostiform.correspondence.sampling import ComponentSampler, CurveSampler
+from ostiform.correspondence import ComponentSampler, CurveSampler, ShapeSampler
 from ostiform.domain import BaseDomain, Circle, Sphere
 from ostiform.errors import ArtifactError
-from ostiform.surface.locate import SphereLocator
-
-__all__ = ["open_sampler", "write_sampler"]
+from ostiform.surface import SphereLocator
 
 SCHEMA = 1
 ALIGNMENT = 64

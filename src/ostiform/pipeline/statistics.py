@@ -20,8 +20,7 @@ from ostiform.errors import InputError
 from ostiform.exchange import write_table
 from ostiform.model import ShapeModel, StoredModel, read_model
 from ostiform.pipeline.covariates import read_covariates
-from ostiform.report.effects import FOUND_LEVEL, effect_page
-from ostiform.report.html import draw_picture, render_page, save_drawing
+from ostiform.report import FOUND_LEVEL, draw_picture, effect_page, render_page, save_drawing
 from ostiform.statistics import (
     Covariate,
     EffectSettings,
@@ -33,8 +32,6 @@ from ostiform.statistics import (
     subject_values,
 )
 from ostiform.surface import write_surface
-
-__all__ = ["EffectResult", "Question", "shape_question", "smallest_p_value"]
 
 SCHEMA = 1
 LOW_AND_HIGH = (5.0, 95.0)

@@ -21,8 +21,6 @@ from ostiform.atomic import atomically
 from ostiform.errors import ArtifactError
 from ostiform.study import ShapeId
 
-__all__ = ["Store", "file_hash", "key_of", "slug"]
-
 Value = TypeVar("Value")
 
 RECORDS = ".ostiform"

@@ -19,8 +19,6 @@ from ostiform.pipeline.sampler_file import open_sampler, write_sampler
 from ostiform.pipeline.store import Store
 from ostiform.pipeline.unfinished import FOLDER
 
-__all__ = ["StoredShape", "StoredShapes", "remove_samplers", "stored_shapes"]
-
 Item = TypeVar("Item")
 Shared = TypeVar("Shared")
 Result = TypeVar("Result")

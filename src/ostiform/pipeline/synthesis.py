@@ -23,7 +23,7 @@ from ostiform.model import (
     sample_shapes,
 )
 from ostiform.pipeline.events import Event, Progress, Tell
-from ostiform.report.animation import (
+from ostiform.report import (
     FRAMES,
     Animation,
     cycle_animation,
@@ -31,10 +31,7 @@ from ostiform.report.animation import (
     write_frames,
     write_webp,
 )
-from ostiform.surface import write_surface
-from ostiform.surface.write_plain import PLAIN_SUFFIXES, write_plain_mesh
-
-__all__ = ["MEAN_CYCLE", "Synthesis", "synthesized"]
+from ostiform.surface import PLAIN_SUFFIXES, write_plain_mesh, write_surface
 
 MEAN_CYCLE = "mean"
 """Asks for the population's mean cycle where a subject's name asks for that subject's."""

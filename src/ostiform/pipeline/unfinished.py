@@ -10,8 +10,6 @@ from ostiform.correspondence import LevelState
 from ostiform.pipeline.arrays_file import read_level_state, write_level_state
 from ostiform.pipeline.store import Store
 
-__all__ = ["FOLDER", "Unfinished"]
-
 FOLDER = "unfinished"
 
 REST = 20.0

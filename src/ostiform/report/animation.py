@@ -22,16 +22,6 @@ from ostiform.report.raster import Raster
 from ostiform.report.shading import ON_SURFACE, View, shaded_surface
 from ostiform.report.style import part_colours
 
-__all__ = [
-    "Animation",
-    "FRAMES",
-    "animation_of",
-    "cycle_animation",
-    "mode_animation",
-    "write_frames",
-    "write_webp",
-]
-
 FRAMES = 20
 HEIGHT = 400
 """Pixels of the pictures above their caption."""

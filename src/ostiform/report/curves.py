@@ -24,16 +24,6 @@ from ostiform.report.style import (
     styled,
 )
 
-__all__ = [
-    "Band",
-    "GainPoint",
-    "convergence_figure",
-    "evidence_figure",
-    "gains_figure",
-    "scores_figure",
-    "volumes_figure",
-]
-
 MODES_DRAWN = 15
 KIND_MARKERS = {"conformal": "o", "euclidean": "s", "optimal": "^"}
 LABELLED_SUBJECTS = 8

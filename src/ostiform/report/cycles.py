@@ -16,8 +16,6 @@ from ostiform.report.style import (
     styled,
 )
 
-__all__ = ["clinical_figure", "clinical_section", "cycles_section", "levels_figure"]
-
 LEVEL_NAMES = {
     "between": "between subjects",
     "within": "within subjects (motion)",

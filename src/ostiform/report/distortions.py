@@ -11,8 +11,6 @@ from ostiform.arrays import FloatArray
 from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
 from ostiform.report.style import PART_COLOURS, figure, styled
 
-__all__ = ["distortion_figure", "seam_figure"]
-
 OUTER = (0.05, 0.95)
 QUIET = "#54626f"
 

@@ -17,8 +17,6 @@ from ostiform.report.shading import View, draw_raster, draw_visible_curves, shad
 from ostiform.report.style import COLOURS, PRINT_DPI, figure, plain_figure, styled
 from ostiform.statistics import ScoreTest, ShapeEffect
 
-__all__ = ["effect_figure", "effect_page", "null_figure"]
-
 PANEL_MM = 36.0
 LABEL_MM = 30.0
 """Strip at the right of each row for its colour bar."""

@@ -17,8 +17,6 @@ from ostiform.report.curves import Band, GainPoint, evidence_figure, gains_figur
 from ostiform.report.html import Fact, Picture, Section, Table
 from ostiform.report.style import KIND_NAMES, percent
 
-__all__ = ["evidence_section", "headline", "headline_table"]
-
 CONFIDENCE = 0.95
 TOO_FEW = "Fewer than three subjects: there are no intervals over subjects."
 

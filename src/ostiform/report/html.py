@@ -23,19 +23,6 @@ from PIL import Image
 from ostiform.atomic import atomically
 from ostiform.report.style import PRINT_DPI, styled
 
-__all__ = [
-    "Drawing",
-    "Fact",
-    "Page",
-    "Picture",
-    "Section",
-    "Table",
-    "draw_picture",
-    "remove_stale_drawings",
-    "render_page",
-    "save_drawing",
-]
-
 SCREEN_SHRINK = 2
 """Pixels of the print picture per pixel of the one in the page, in each direction."""
 

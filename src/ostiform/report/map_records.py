@@ -19,17 +19,6 @@ from ostiform.embedding import (
 )
 from ostiform.surface import Component, Seam
 
-__all__ = [
-    "ANGLE_EDGES",
-    "AREA_EDGES",
-    "JUMP_EDGES",
-    "ComponentRecord",
-    "MapRecord",
-    "SeamKink",
-    "map_record",
-    "sampled_kinks",
-]
-
 ANGLE_EDGES: Final = np.geomspace(1.0, 10.0, 51)
 AREA_EDGES: Final = np.geomspace(0.05, 20.0, 61)
 JUMP_EDGES: Final = np.linspace(0.0, 0.6, 41)

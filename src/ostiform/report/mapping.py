@@ -14,8 +14,6 @@ from ostiform.report.map_records import MapRecord, SeamKink
 from ostiform.report.maps import MapPanel, map_figure
 from ostiform.surface import Seam, exact_orientations
 
-__all__ = ["StateView", "maps_section"]
-
 STATE_NAMES = {
     "tutte": "Tutte",
     "opened": "opened",

@@ -21,8 +21,6 @@ from ostiform.report.style import (
     styled,
 )
 
-__all__ = ["MapPanel", "map_figure"]
-
 WIDEST = 3.0  # radius of the disc shown, times the 98 % radius of the opening's neighbourhood
 PANEL_MM = 40.0
 GAP_MM = 2.0

@@ -26,8 +26,6 @@ from ostiform.report.style import (
     styled,
 )
 
-__all__ = ["extents_of", "model_views", "modes_figure"]
-
 PANEL_MM = 36.0
 TITLE_MM = 6.0
 LEGEND_MM = 6.0

@@ -31,8 +31,6 @@ from ostiform.report.style import (
 )
 from ostiform.surface import Surface
 
-__all__ = ["PointColumn", "points_figure", "shapes_figure", "surfaces_figure"]
-
 COLOUR_MAP: Final = matplotlib.colormaps["viridis"]
 """Readable with any colour vision, and in grey (van der Walt and Smith 2015)."""
 

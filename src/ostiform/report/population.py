@@ -19,8 +19,6 @@ from ostiform.report.html import Picture, Section, Table
 from ostiform.report.modes import modes_figure
 from ostiform.report.style import percent
 
-__all__ = ["correspondence_section", "modes_section", "scores_section", "template_section"]
-
 MODES_SHOWN = 3
 
 

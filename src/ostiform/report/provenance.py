@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 
 from ostiform.report.html import Section, Table
 
-__all__ = ["run_section"]
-
 
 def run_section(
     groups: Mapping[str, Mapping[str, str]],

@@ -13,8 +13,6 @@ from ostiform.report.map_records import MapRecord
 from ostiform.report.points import shapes_figure, surfaces_figure
 from ostiform.surface import Surface
 
-__all__ = ["FailedShape", "flagged_measures", "modified_scores", "quality_section"]
-
 FLAGGED_ABOVE = 3.5
 """Modified z-score of an outlier (Iglewicz and Hoaglin 1993)."""
 

@@ -12,8 +12,6 @@ from numba import njit
 from ostiform.arrays import BoolArray, FloatArray
 from ostiform.errors import InputError
 
-__all__ = ["Raster", "rasterised"]
-
 SUPERSAMPLES = 2
 """Samples per pixel and direction, averaged: what smooths the edges."""
 

@@ -10,16 +10,6 @@ from matplotlib.collections import LineCollection
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.report.raster import Raster, rasterised
 
-__all__ = [
-    "AMBIENT",
-    "View",
-    "draw_raster",
-    "draw_scale_bar",
-    "draw_visible_curves",
-    "shaded_surface",
-    "two_views",
-]
-
 AMBIENT = 0.42
 INSIDE = 0.55
 """Brightness of the inside of a surface, seen through an opening, against the outside."""

@@ -12,24 +12,6 @@ from matplotlib.figure import Figure
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = [
-    "COLOURS",
-    "FLIPPED",
-    "KIND_NAMES",
-    "MARKERS",
-    "MM3_PER_ML",
-    "PART_COLOURS",
-    "PRINT_DPI",
-    "SUBJECT_COLOURS",
-    "figure",
-    "grid_of_panels",
-    "part_colours",
-    "percent",
-    "plain_figure",
-    "shortened",
-    "styled",
-]
-
 PRINT_DPI: Final = 300
 """Resolution of everything that is drawn as pixels."""
 

@@ -27,8 +27,6 @@ from ostiform.report.modes import model_views
 from ostiform.report.points import PointColumn, points_figure
 from ostiform.report.style import PART_COLOURS
 
-__all__ = ["point_spread", "viewer_data", "viewer_section"]
-
 SLIDERS = 6
 FRAMES = 24
 """Shapes per cycle; the viewer interpolates between them."""

@@ -11,8 +11,6 @@ from ostiform.report.html import Picture, Section, Table
 from ostiform.report.style import MM3_PER_ML
 from ostiform.study import ShapeId
 
-__all__ = ["volumes_section"]
-
 
 def volumes_section(ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]) -> Section:
     """Return the volumes over the cycle with ejection fractions, or a table without phases.

@@ -13,8 +13,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = ["Covariate", "complete_subjects", "covariate_of", "subject_values"]
-
 MISSING = frozenset({"", "na", "n/a", "nan", "none", "null", "?", "-"})
 """What a cell without a value holds, in small letters."""
 

@@ -9,8 +9,6 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.statistics.covariates import Covariate
 
-__all__ = ["Design", "design_of", "permutations"]
-
 COLLINEAR = 1e-9
 """Least norm of a column beyond the columns before it, over its own norm: far above rounding."""
 

@@ -15,8 +15,6 @@ from ostiform.statistics.scores import ScoreTest, score_test
 from ostiform.statistics.units import SubjectShapes
 from ostiform.surface import face_normals
 
-__all__ = ["EffectSettings", "ShapeEffect", "normal_movement", "point_normals", "shape_effect"]
-
 
 @dataclass(frozen=True, slots=True)
 class EffectSettings:

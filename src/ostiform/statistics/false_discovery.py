@@ -4,8 +4,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 
-__all__ = ["adjusted_p_values"]
-
 
 def adjusted_p_values(p_values: FloatArray) -> FloatArray:
     """Return the q-values (n,) of Benjamini and Hochberg (1995).

@@ -18,8 +18,6 @@ from ostiform.statistics.design import Design
 from ostiform.statistics.false_discovery import adjusted_p_values
 from ostiform.statistics.scores import EQUAL
 
-__all__ = ["Movement", "PointTest", "point_test"]
-
 Movement = Literal["any", "normal"]
 
 CHUNK_ENTRIES = 4_000_000

@@ -16,8 +16,6 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.statistics.design import Design
 
-__all__ = ["ScoreTest", "permutation_p_value", "score_test", "shrinkage_intensity"]
-
 VARIANCE_SHARE = 0.9
 """Modes are used until they hold this share of the variance between subjects ..."""
 

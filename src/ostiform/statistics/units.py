@@ -15,8 +15,6 @@ from ostiform.errors import InputError
 from ostiform.model import StoredModel, phase_weights
 from ostiform.study import ShapeId
 
-__all__ = ["SubjectShapes", "subject_shapes"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SubjectShapes:

@@ -16,17 +16,16 @@ from ostiform.study.markups import Cut, cut_heights
 from ostiform.study.parts import face_values
 from ostiform.study.settings import StudySettings
 from ostiform.surface import (
+    CutSurface,
+    MendedMesh,
     RawMesh,
     Seam,
     boundary_loops,
     component_parts,
+    parted_at,
     split_ostium_name,
     without_unreferenced,
 )
-from ostiform.surface.cutting import CutSurface, parted_at
-from ostiform.surface.repair import MendedMesh
-
-__all__ = ["parted_mesh"]
 
 
 def parted_mesh(

@@ -14,31 +14,30 @@ from ostiform.study.markups import Cut, cut_heights
 from ostiform.study.parts import handle_sentence
 from ostiform.study.settings import StudySettings
 from ostiform.surface import (
+    LevelField,
+    MendedMesh,
     RawMesh,
     Seam,
     boundary_loops,
     component_parts,
     connected_components,
+    cut_along_zero,
     enclosed_volume,
     face_areas,
+    face_fans,
     genus,
+    graph_labels,
     isotropic_remeshed,
-    split_ostium_name,
-    without_unreferenced,
-)
-from ostiform.surface.cutting import cut_along_zero, parted_at
-from ostiform.surface.extraction import (
-    LevelField,
     kept_apart,
     level_field,
     level_surface,
     level_values,
+    non_manifold_vertices,
+    parted_at,
+    split_ostium_name,
+    unique_edges,
+    without_unreferenced,
 )
-from ostiform.surface.fans import face_fans
-from ostiform.surface.repair import MendedMesh
-from ostiform.surface.topology import graph_labels, non_manifold_vertices, unique_edges
-
-__all__ = ["label_meshes", "remeshed_at", "without_islands"]
 
 _MOST_ROUNDS = 10
 

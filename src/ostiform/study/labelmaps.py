@@ -28,8 +28,6 @@ from ostiform.arrays import (
 )
 from ostiform.errors import InputError
 
-__all__ = ["LABEL_MAP_ENDINGS", "LabelMap", "is_label_map", "label_mask", "read_label_map"]
-
 _LARGEST = 2_000_000_000
 """Voxels: a map beyond 1,250 cubed is a damaged header."""
 

@@ -17,8 +17,6 @@ from ostiform.study.matching import LARGEST_TRIAL, n_ways
 from ostiform.study.survey import ShapeSurvey
 from ostiform.surface import Seam, split_ostium_name
 
-__all__ = ["LayoutCircle", "LayoutNames", "names_by_layout"]
-
 _NOISE = 0.05
 """Misfits are compared after adding this share of the points' size."""
 

@@ -11,8 +11,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = ["Cut", "Markups", "cut_heights", "curve_cut", "plane_cut", "read_markups"]
-
 DEFAULT_REACH_MM = 20.0
 """The curve that a plane cuts must have its centre this near to the plane's own."""
 

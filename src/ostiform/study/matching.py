@@ -15,8 +15,6 @@ from scipy.spatial import cKDTree
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.study.survey import ShapeSurvey
 
-__all__ = ["LARGEST_TRIAL", "Landmarks", "Match", "best_match", "landmarks_of", "moved_onto"]
-
 LARGEST_TRIAL = 50_000
 """Ways tried for one part: eight openings of eight loops are 40,320."""
 

@@ -5,8 +5,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["NamePattern", "guessed_pattern"]
-
 _PARTS = re.compile(
     r"(lv|la|rv|ra|ao|aorta|lvot|pa|laa|left|right|endo\w*|epi\w*|atri\w+|ventric\w+|myo\w*)",
     re.IGNORECASE,

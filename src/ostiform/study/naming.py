@@ -9,8 +9,6 @@ from scipy.optimize import linear_sum_assignment
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = ["LoopFacts", "listed_loops", "loop_facts", "named_loops"]
-
 _FARTHEST_IN_DIAGONALS = 0.5
 """A rough point further from its loop than half the part's bounding-box diagonal is no guide: it
 is in another frame or unit."""

@@ -12,34 +12,24 @@ from ostiform.study.markups import Cut, cut_heights
 from ostiform.study.naming import loop_facts
 from ostiform.study.settings import StudySettings
 from ostiform.surface import (
+    MendedMesh,
     RawMesh,
+    boundary_half_edges,
     boundary_loops,
     connected_components,
+    counted,
+    crossing_triangles,
     face_areas,
+    filled_loops,
     genus,
+    mended_mesh,
     opened_by_value,
+    outward_mesh,
+    short_handle_curve,
     split_ostium_name,
+    tube_cut,
     without_unreferenced,
 )
-from ostiform.surface.cutting import tube_cut
-from ostiform.surface.handles import short_handle_curve
-from ostiform.surface.intersections import crossing_triangles
-from ostiform.surface.loop_filling import filled_loops
-from ostiform.surface.repair import MendedMesh, counted, mended_mesh, outward_mesh
-from ostiform.surface.topology import boundary_half_edges
-
-__all__ = [
-    "OpenPart",
-    "PartFacts",
-    "check_frame",
-    "close_loops",
-    "connected_mesh",
-    "face_values",
-    "handle_sentence",
-    "internal_factors",
-    "opened_part",
-    "surface_facts",
-]
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 _TO_LPS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}

@@ -30,8 +30,6 @@ from ostiform.study.shape import ShapeId
 from ostiform.study.survey import PartSurvey, ShapeSurvey
 from ostiform.surface import component_parts, split_ostium_name
 
-__all__ = ["PopulationNames", "ShapeNames", "named_population"]
-
 LEAST_MARGIN = 0.1
 """The best way to name a shape's loops must fit a tenth better than the second best. Six left
 atria of patients have 0.2 to 0.7."""

@@ -17,8 +17,6 @@ from ostiform.study.parts import surface_facts
 from ostiform.study.settings import parsed_settings
 from ostiform.surface import MESH_SUFFIXES, RawMesh, boundary_loops, face_areas, read_mesh
 
-__all__ = ["proposed_study"]
-
 _DEEPEST = 3
 _MOST_LABELS = 40
 _UNNAMED = "surface"

@@ -22,11 +22,15 @@ from ostiform.study.shape import Shape
 from ostiform.study.sources import part_cuts, part_meshes, shape_markups, stated_points
 from ostiform.study.study import ShapeEntry, Study
 from ostiform.study.survey import ShapeSurvey, shape_survey
-from ostiform.surface import Seam, Surface, split_ostium_name
-from ostiform.surface.repair import counted
-from ostiform.surface.seams import default_tolerance, loop_gap, sewn_seam
-
-__all__ = ["part_facts", "read_shape", "survey_shape"]
+from ostiform.surface import (
+    Seam,
+    Surface,
+    counted,
+    default_tolerance,
+    loop_gap,
+    sewn_seam,
+    split_ostium_name,
+)
 
 
 def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None) -> Shape:

@@ -10,30 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ostiform.errors import InputError
 from ostiform.surface import Seam
 
-__all__ = [
-    "AlignmentSettings",
-    "CircleSettings",
-    "CorrespondenceSettings",
-    "CutsSettings",
-    "CycleSettings",
-    "DomainSettings",
-    "EmbeddingSettings",
-    "EvaluationSettings",
-    "LabelsSettings",
-    "LandmarksSettings",
-    "OstiaSettings",
-    "PartSettings",
-    "PlaneSettings",
-    "ReportSettings",
-    "SeamSettings",
-    "ShapesSettings",
-    "StudySettings",
-    "TemplateSettings",
-    "WeldingSettings",
-    "parsed_settings",
-    "read_settings",
-]
-
 Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 Point: TypeAlias = tuple[Finite, Finite, Finite]
 Name: TypeAlias = Annotated[str, Field(min_length=1, pattern=r"^[^\s./\\{}=+][^./\\{}=+]*$")]

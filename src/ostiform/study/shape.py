@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from ostiform.arrays import frozen_mapping
 from ostiform.surface import Seam, Surface
 
-__all__ = ["Shape", "ShapeId"]
-
 
 @dataclass(frozen=True, slots=True, order=True)
 class ShapeId:

@@ -11,8 +11,6 @@ from typing import Any
 from ostiform.arrays import frozen_mapping
 from ostiform.errors import InputError
 
-__all__ = ["SheetRow", "read_sheet"]
-
 _DEFAULT_PHASE = "0"
 
 

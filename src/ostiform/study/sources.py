@@ -21,8 +21,6 @@ from ostiform.study.settings import PlaneSettings, StudySettings
 from ostiform.study.study import ShapeEntry
 from ostiform.surface import RawMesh, face_areas, read_mesh, split_ostium_name, without_unreferenced
 
-__all__ = ["part_cuts", "part_meshes", "shape_markups", "stated_points"]
-
 
 def part_meshes(
     settings: StudySettings, entry: ShapeEntry, cuts: Mapping[str, Mapping[str, Cut]]

@@ -13,8 +13,6 @@ from ostiform.study.settings import StudySettings, read_settings
 from ostiform.study.shape import ShapeId
 from ostiform.study.sheet import read_sheet
 
-__all__ = ["ShapeEntry", "Study", "natural_key", "read_study"]
-
 _FIELDS = ("subject", "phase", "part")
 _DEFAULT_PHASE = "0"
 

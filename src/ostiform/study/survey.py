@@ -13,15 +13,6 @@ from ostiform.study.parts import OpenPart
 from ostiform.study.shape import ShapeId
 from ostiform.surface import face_areas
 
-__all__ = [
-    "PartSurvey",
-    "ShapeSurvey",
-    "part_survey",
-    "shape_survey",
-    "survey_from_json",
-    "survey_to_json",
-]
-
 _SAMPLES = 400
 """Points that stand for a surface: about 5 mm apart on a left atrium."""
 

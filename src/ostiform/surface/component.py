@@ -14,8 +14,6 @@ from ostiform.surface.topology import (
 )
 from ostiform.surface.types import Component, Seam, Surface
 
-__all__ = ["component_parts", "part_surface", "split_ostium_name", "welded_components"]
-
 
 def split_ostium_name(name: str) -> tuple[str, str]:
     """Return the part and the ostium of a full name ``"PART.OSTIUM"``.

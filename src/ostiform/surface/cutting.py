@@ -13,8 +13,6 @@ from ostiform.errors import InputError, TopologyError
 from ostiform.surface.operators import face_areas
 from ostiform.surface.topology import graph_labels, half_edges, unique_edges
 
-__all__ = ["CutSurface", "cut_along_zero", "parted_at", "tube_cut"]
-
 _SNAP_SHARE = 0.25
 """A vertex this near to the curve, as a share of the edge that crosses it, is moved onto it."""
 

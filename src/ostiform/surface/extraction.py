@@ -20,8 +20,6 @@ from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 
-__all__ = ["LevelField", "kept_apart", "level_field", "level_surface", "level_values"]
-
 _COARSE = 1.5
 """Slices further apart than this many voxels are interpolated one by one."""
 

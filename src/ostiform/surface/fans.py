@@ -12,8 +12,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface.topology import graph_labels, half_edges, non_manifold_vertices, unique_edges
 
-__all__ = ["MOST_FANS", "PartedFans", "face_fans", "with_single_fans"]
-
 MOST_FANS = 100
 """A mesh with more such vertices is no surface with flaws."""
 

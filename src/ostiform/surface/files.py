@@ -14,8 +14,6 @@ from ostiform.surface.raw_mesh import Array, RawMesh
 from ostiform.surface.write_vtp import vtp_bytes
 from ostiform.surface.xml_vtk import read_xml_vtk
 
-__all__ = ["MESH_SUFFIXES", "read_mesh", "without_duplicate_vertices", "write_surface"]
-
 _READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
     ".vtp": read_xml_vtk,
     ".vtk": read_legacy_vtk,

@@ -6,8 +6,6 @@ from numba import njit
 from ostiform.arrays import IntArray
 from ostiform.errors import TopologyError
 
-__all__ = ["twin_half_edges"]
-
 
 def twin_half_edges(faces: IntArray, n_vertices: int) -> IntArray:
     """Return the oppositely directed half-edge of every half-edge.

@@ -11,8 +11,6 @@ from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface.topology import boundary_loops, edge_faces
 
-__all__ = ["short_handle_curve"]
-
 _ROUNDS = 3
 """Roots tried one after the other, each on the shortest curve through the last."""
 

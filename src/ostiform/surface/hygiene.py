@@ -22,8 +22,6 @@ from ostiform.surface.surgery import (
 from ostiform.surface.topology import unique_edges
 from ostiform.surface.types import Component
 
-__all__ = ["cleaned_for_embedding"]
-
 # Rim and seam edges below this share of the mesh's median edge are collapsed.
 SHORT_EDGE = 0.15
 # A triangle is degenerate when its height is below this share of its longest edge: float32 files

@@ -9,8 +9,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = ["crossing_triangles"]
-
 _CELLS_PER_EDGE = 1.5
 """Size of a grid cell in units of the mean bounding box of a triangle: few triangles per cell and
 few cells per triangle."""

@@ -20,8 +20,6 @@ from ostiform.surface.raw_mesh import (
     triangles_of_strips,
 )
 
-__all__ = ["VTK_WITHOUT_AREA", "grid_triangles", "legacy_vtk_lines", "read_legacy_vtk"]
-
 VTK_FLAT = (5, 7, 9)
 """Cell types of triangles, polygons and quadrilaterals."""
 VTK_WITHOUT_AREA = (1, 2, 3, 4)

@@ -7,8 +7,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface.remesh import RemeshRules, isotropic_remeshed
 
-__all__ = ["filled_loops"]
-
 _PLAIN_FAN = 12
 """A loop of fewer edges is filled by a fan as it is; a larger one is given inner vertices."""
 

@@ -5,8 +5,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = ["vertex_normals"]
-
 
 @njit(cache=True)
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from ostiform.arrays import IntArray, frozen_ints, frozen_mapping
 from ostiform.errors import InputError, TopologyError
 
-__all__ = ["Opened", "opened_by_value"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opened:

@@ -14,20 +14,6 @@ from scipy import sparse
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.surface.topology import unique_edges
 
-__all__ = [
-    "LocalFrames",
-    "corner_cotangents",
-    "cotangent_stiffness",
-    "edge_lengths",
-    "face_areas",
-    "face_normals",
-    "local_frames",
-    "mean_edge_length",
-    "median_edge_length",
-    "uniform_laplacian",
-    "vertex_areas",
-]
-
 # Least height of a triangle over its longest edge: far below any real sliver, far above round-off.
 SLIVER_HEIGHT = 1e-10
 

@@ -19,8 +19,6 @@ from ostiform.surface.raw_mesh import (
     triangles_of_polygons,
 )
 
-__all__ = ["read_obj", "read_ply", "read_stl"]
-
 _STL_HEADER = 84
 _STL_TRIANGLE = np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
 _PLY_TYPES = {

@@ -9,8 +9,6 @@ from ostiform.errors import InputError
 from ostiform.surface.legacy_vtk import legacy_vtk_lines
 from ostiform.surface.xml_vtk import xml_vtk_lines
 
-__all__ = ["read_polylines"]
-
 _READERS = {".vtp": xml_vtk_lines, ".vtk": legacy_vtk_lines}
 
 

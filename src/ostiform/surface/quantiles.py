@@ -5,8 +5,6 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 
-__all__ = ["weighted_quantile"]
-
 ROUNDING = 1e-12
 """Relative to the total weight: rounding of the cumulative sum."""
 

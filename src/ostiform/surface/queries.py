@@ -9,16 +9,6 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.surface.quantiles import weighted_quantile
 
-__all__ = [
-    "ClosestPoints",
-    "SurfaceDistance",
-    "SurfaceTree",
-    "closest_points",
-    "distances_to_surface",
-    "surface_distance",
-    "surface_tree",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceTree:

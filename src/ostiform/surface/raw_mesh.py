@@ -10,15 +10,6 @@ from numpy.typing import NDArray
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, frozen_mapping
 from ostiform.errors import InputError
 
-__all__ = [
-    "Array",
-    "RawMesh",
-    "joined_meshes",
-    "polygon_notes",
-    "triangles_of_polygons",
-    "triangles_of_strips",
-]
-
 Array = NDArray[Any]
 
 

@@ -20,8 +20,6 @@ from ostiform.surface.remesh_mesh import Curves, Mesh
 from ostiform.surface.remesh_smoothing import flip_edges, relax
 from ostiform.surface.topology import boundary_loops, half_edges
 
-__all__ = ["RemeshRules", "RemeshedSurface", "isotropic_remeshed"]
-
 LONG = 4.0 / 3.0
 SHORT = 4.0 / 5.0
 SPLIT_ROUNDS = 12

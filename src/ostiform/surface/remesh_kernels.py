@@ -22,8 +22,6 @@ from ostiform.surface.remesh_mesh import (
     turns_little,
 )
 
-__all__ = ["collapse_edges", "split_edges"]
-
 LONGEST_AFTER_COLLAPSE = 4.0 / 3.0
 """Of the target edge length: a collapse may not create an edge that would be split again."""
 

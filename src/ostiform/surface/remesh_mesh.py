@@ -11,23 +11,6 @@ from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 
-__all__ = [
-    "MAX_RING",
-    "Curves",
-    "Mesh",
-    "arc_step",
-    "area_vector",
-    "curve_position",
-    "following",
-    "half_edge_ring",
-    "neighbours",
-    "origin",
-    "pair",
-    "preceding",
-    "squared_distance",
-    "turns_little",
-]
-
 MAX_RING = 256
 """Vertices with more neighbours than this are left alone."""
 

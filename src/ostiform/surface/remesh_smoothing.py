@@ -25,8 +25,6 @@ from ostiform.surface.remesh_mesh import (
     turns_little,
 )
 
-__all__ = ["flip_edges", "relax"]
-
 
 @njit(cache=True)
 def flip_edges(mesh: Mesh, by_angle: bool) -> int:

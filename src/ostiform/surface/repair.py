@@ -24,14 +24,6 @@ from ostiform.surface.topology import (
     unique_edges,
 )
 
-__all__ = [
-    "MendedMesh",
-    "counted",
-    "mended_mesh",
-    "outward_mesh",
-    "without_useless_faces",
-]
-
 _SAME_PLACE_IN_EDGES = 1e-5
 """Rim vertices closer than this share of the median edge are one: float32 files resolve 1e-5 mm
 at 100 mm, where edges are about 1 mm."""

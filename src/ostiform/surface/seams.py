@@ -9,8 +9,6 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.surface.types import Surface
 
-__all__ = ["SewnSeam", "default_tolerance", "loop_gap", "sewn_seam"]
-
 _TOLERANCE_IN_EDGES = 0.25
 """Two rims count as one curve when they are closer than a quarter of an edge: sampling a curve of
 radius R with edges of length h misses it by h^2 / (8 R), which is less for any h below 2 R."""

@@ -8,8 +8,6 @@ from scipy import sparse
 
 from ostiform.arrays import FloatArray
 
-__all__ = ["Factorization", "factorize"]
-
 
 class Factorization:
     """An L D L^T factorisation whose ordering is reused when only the values change."""

@@ -11,18 +11,6 @@ from numpy.typing import NDArray
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 
-__all__ = [
-    "count_flipped",
-    "exact_orientations",
-    "inverse_stereographic",
-    "normalised",
-    "rotation_between",
-    "spherical_areas",
-    "spherical_fibonacci",
-    "stereographic",
-    "triangle_determinants",
-]
-
 
 def normalised(vectors: FloatArray) -> FloatArray:
     """Return vectors (..., 3) scaled to unit length.

@@ -11,15 +11,6 @@ from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = [
-    "MarkedMesh",
-    "collapsed_edges",
-    "compacted",
-    "flipped_edges",
-    "split_edges",
-    "split_faces",
-]
-
 # A collapse may turn a triangle by at most 60 degrees.
 LEAST_COSINE = 0.5
 

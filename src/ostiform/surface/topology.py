@@ -10,26 +10,6 @@ from numba import njit
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import TopologyError
 
-__all__ = [
-    "boundary_half_edges",
-    "boundary_loops",
-    "connected_components",
-    "consistently_oriented",
-    "edge_faces",
-    "enclosed_volume",
-    "euler_characteristic",
-    "genus",
-    "graph_labels",
-    "half_edges",
-    "is_consistently_oriented",
-    "non_manifold_edges",
-    "non_manifold_vertices",
-    "oriented_outward",
-    "referenced_vertices",
-    "unique_edges",
-    "without_unreferenced",
-]
-
 
 def half_edges(faces: IntArray) -> IntArray:
     """Return the directed edges of the faces.

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, frozen_mapping
 from ostiform.errors import InputError
 
-__all__ = ["Component", "Seam", "Surface"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:

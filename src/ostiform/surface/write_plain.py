@@ -12,8 +12,6 @@ from ostiform.atomic import atomically
 from ostiform.errors import InputError
 from ostiform.surface.operators import face_normals
 
-__all__ = ["PLAIN_SUFFIXES", "write_plain_mesh"]
-
 PLAIN_SUFFIXES = (".ply", ".stl", ".obj")
 
 _STL_TRIANGLE = np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")])

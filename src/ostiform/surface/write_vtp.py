@@ -9,8 +9,6 @@ import numpy as np
 from ostiform.errors import InputError
 from ostiform.surface.raw_mesh import Array, RawMesh
 
-__all__ = ["vtp_bytes"]
-
 _TYPES = {
     "i1": "Int8", "u1": "UInt8", "i2": "Int16", "u2": "UInt16", "i4": "Int32", "u4": "UInt32",
     "i8": "Int64", "u8": "UInt64", "f4": "Float32", "f8": "Float64",

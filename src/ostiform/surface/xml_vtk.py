@@ -25,8 +25,6 @@ from ostiform.surface.raw_mesh import (
     triangles_of_strips,
 )
 
-__all__ = ["read_xml_vtk", "xml_vtk_lines"]
-
 _TYPES = {
     "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4",
     "Int64": "i8", "UInt64": "u8", "Float32": "f4", "Float64": "f8",

@@ -15,8 +15,6 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.errors import ConvergenceError, InputError
 
-__all__ = ["StrongSpectrum", "streamed_length", "streamed_spectrum"]
-
 FIRST_BLOCK = 32
 GROWTH = 2
 BEYOND = 1.5

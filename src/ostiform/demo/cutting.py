@@ -3,11 +3,9 @@
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.study.implicit import Anatomy
-from ostiform.study.relaxation import Sheet, project_to_curves
+from ostiform.demo.implicit import Anatomy
+from ostiform.demo.relaxation import Sheet, project_to_curves
 from ostiform.surface import edge_faces
-
-__all__ = ["split_along"]
 
 _SNAP_SHARE = 0.3
 """Vertices within this share of the mean edge of a cut are moved onto it."""

@@ -13,11 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ostiform.arrays import FloatArray, frozen_mapping
-from ostiform.study.deformation import Deformation, SpaceMap
-from ostiform.study.implicit import Anatomy, Cut, Ellipsoid, Tube
-from ostiform.study.spacemaps import Affine, Axial, Bumps, TubeWarp
-
-__all__ = ["HeartSubject", "left_heart", "random_heart_subject"]
+from ostiform.demo.deformation import Deformation, SpaceMap
+from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 
 _BLEND_MM = 2.0
 _LONGEST_BEND_MM = 4.5

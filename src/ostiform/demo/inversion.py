@@ -8,8 +8,6 @@ from numba import njit
 from ostiform.arrays import FloatArray
 from ostiform.errors import ConvergenceError
 
-__all__ = ["INVERSE_TOLERANCE_MM", "MAX_NEWTON_STEPS", "newton_inverse", "solve3"]
-
 INVERSE_TOLERANCE_MM = 1e-11
 """Round-off of double precision at coordinates of 100 mm is 1e-14; Newton's last step squares."""
 MAX_NEWTON_STEPS = 60

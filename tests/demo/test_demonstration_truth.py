@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from ostiform.errors import ArtifactError, InputError
-from ostiform.study.demonstration import demonstration_truth
-from ostiform.study.extraction import canonical_points, extract
-from ostiform.study.shape import ShapeId
-from ostiform.study.truth import (
+from ostiform.demo.demonstration import demonstration_truth
+from ostiform.demo.extraction import canonical_points, extract
+from ostiform.demo.truth import (
     material_coordinates,
     read_truth,
     true_positions,
     write_truth,
 )
+from ostiform.errors import ArtifactError, InputError
+from ostiform.study.shape import ShapeId
 
 EDGE_MM = 3.0
 ROUND_TRIP_MM = 1e-9

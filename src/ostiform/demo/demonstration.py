@@ -10,16 +10,14 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
+from ostiform.demo.deformation import Deformation
+from ostiform.demo.extraction import canonical_points, extract
+from ostiform.demo.implicit import Anatomy
+from ostiform.demo.leftheart import left_heart, random_heart_subject
+from ostiform.demo.truth import Truth, write_truth
 from ostiform.errors import InputError
-from ostiform.study.deformation import Deformation
-from ostiform.study.extraction import canonical_points, extract
-from ostiform.study.implicit import Anatomy
-from ostiform.study.leftheart import left_heart, random_heart_subject
 from ostiform.study.shape import ShapeId
-from ostiform.study.truth import Truth, write_truth
 from ostiform.surface import write_surface
-
-__all__ = ["demonstration_truth", "write_demonstration", "write_population"]
 
 DEFAULT_EDGE_MM = 1.9
 """About 4,000 vertices on the LV and 2,600 on the LA."""

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from ostiform.demo.deformation import Deformation
+from ostiform.demo.demonstration import demonstration_truth
+from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.demo.inversion import newton_inverse, solve3
+from ostiform.demo.leftheart import left_heart
+from ostiform.demo.relaxation import project_to_curves, project_to_surface
+from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 from ostiform.errors import ConvergenceError, InputError
-from ostiform.study.deformation import Deformation
-from ostiform.study.demonstration import demonstration_truth
-from ostiform.study.implicit import Anatomy, Cut, Ellipsoid, Tube
-from ostiform.study.inversion import newton_inverse, solve3
-from ostiform.study.leftheart import left_heart
-from ostiform.study.relaxation import project_to_curves, project_to_surface
-from ostiform.study.spacemaps import Affine, Axial, Bumps, TubeWarp
 
 INVERSE_MM = 1e-9
 """The accuracy promised for inverses; measured 3e-13."""

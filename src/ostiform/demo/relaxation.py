@@ -9,13 +9,10 @@ import numpy as np
 from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.study.deformation import Deformation
-from ostiform.study.implicit import Anatomy
-from ostiform.study.inversion import solve3
-from ostiform.surface import edge_faces, half_edges
-from ostiform.surface.halfedges import twin_half_edges
-
-__all__ = ["Sheet", "project_to_curves", "project_to_surface", "relaxed"]
+from ostiform.demo.deformation import Deformation
+from ostiform.demo.implicit import Anatomy
+from ostiform.demo.inversion import solve3
+from ostiform.surface import edge_faces, half_edges, twin_half_edges
 
 PROJECTION_STEPS = 8
 """Newton squares the error: eight steps end at round-off from any start within half an edge."""

@@ -14,15 +14,23 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.sampling import ShapeSampler, pulled_back, sample
 from ostiform.correspondence.shapes import GivenShapes, as_shapes
 from ostiform.correspondence.untangled_template import fold_free_triangulation
-from ostiform.domain import BaseDomain, Circle, Template
-from ostiform.domain.levels import with_levels
-from ostiform.domain.template import assembled_template, curve_names, graded_template
+from ostiform.domain import (
+    BaseDomain,
+    Circle,
+    Template,
+    assembled_template,
+    curve_names,
+    graded_template,
+    with_levels,
+)
 from ostiform.errors import InputError
-from ostiform.surface.queries import distances_to_surface, surface_tree
-from ostiform.surface.remesh import RemeshRules, isotropic_remeshed
-from ostiform.surface.sphere import normalised
-
-__all__ = ["TemplateCoverage", "mean_surface", "population_template", "template_coverage"]
+from ostiform.surface import (
+    RemeshRules,
+    distances_to_surface,
+    isotropic_remeshed,
+    normalised,
+    surface_tree,
+)
 
 DECIMALS = 6
 

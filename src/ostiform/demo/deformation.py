@@ -7,8 +7,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 
-__all__ = ["Deformation", "SpaceMap"]
-
 
 class SpaceMap(Protocol):
     """An invertible smooth map of space, vectorised over points (n, 3) in mm."""

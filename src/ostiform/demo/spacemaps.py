@@ -11,10 +11,8 @@ from numba import njit
 from scipy.interpolate import CubicSpline
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.demo.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
 from ostiform.errors import ConvergenceError, InputError
-from ostiform.study.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
-
-__all__ = ["Affine", "Axial", "Bumps", "TubeWarp"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,8 +23,6 @@ from ostiform.correspondence.shape_step import (
 from ostiform.correspondence.trained import TrainedCorrespondence
 from ostiform.errors import InputError
 
-__all__ = ["Placed", "place"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:

@@ -18,15 +18,6 @@ from ostiform.surface.halfedges import twin_half_edges
 from ostiform.surface.sphere import normalised
 from ostiform.surface.topology import boundary_loops
 
-__all__ = [
-    "SphereLocator",
-    "containing_triangles",
-    "curve_positions",
-    "locate",
-    "locate_on_curve",
-    "sphere_locator",
-]
-
 # A query is outside an edge when the sine of its angle off the edge's great circle, times the
 # sine of the angle under which the edge is seen, exceeds the rounding of a determinant.
 OUTSIDE = 1e-15

@@ -23,10 +23,8 @@ from ostiform.surface import (
     half_edges,
     local_frames,
     unique_edges,
+    weighted_quantile,
 )
-from ostiform.surface.quantiles import weighted_quantile
-
-__all__ = ["OneSidedDerivatives", "loop_near_circle", "one_sided_derivatives", "seam_jump"]
 
 # Where the mesh's own floor is measured: this far either side of the seam, halved while no closed
 # edge path exists there.

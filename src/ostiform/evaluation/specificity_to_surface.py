@@ -17,8 +17,6 @@ from ostiform.evaluation.generalisation import OriginalMesh
 from ostiform.evaluation.specificity import SAMPLE_LIMIT
 from ostiform.model import ShapeModel, reconstruct, sample_scores
 
-__all__ = ["SurfaceSpecificity", "surface_specificity"]
-
 N_SAMPLES = 50
 CANDIDATES = 5
 """Training shapes, nearest by some points, to whose surfaces a random shape is compared."""

@@ -13,8 +13,6 @@ from numba import njit
 from ostiform.arrays import BoolArray, FloatArray, frozen_floats, frozen_mapping
 from ostiform.errors import InputError
 
-__all__ = ["Anatomy", "Cut", "Ellipsoid", "Tube"]
-
 _SMALLEST_NORM = 1e-12
 """Lengths below this are the centre or the axis of a primitive, where its gradient is undefined."""
 

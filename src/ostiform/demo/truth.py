@@ -14,15 +14,13 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_mapping
 from ostiform.atomic import atomically
+from ostiform.demo.deformation import Deformation, SpaceMap
+from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.demo.inversion import solve3
+from ostiform.demo.relaxation import project_to_curves, project_to_surface
+from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 from ostiform.errors import ArtifactError, InputError
-from ostiform.study.deformation import Deformation, SpaceMap
-from ostiform.study.implicit import Anatomy, Cut, Ellipsoid, Tube
-from ostiform.study.inversion import solve3
-from ostiform.study.relaxation import project_to_curves, project_to_surface
 from ostiform.study.shape import ShapeId
-from ostiform.study.spacemaps import Affine, Axial, Bumps, TubeWarp
-
-__all__ = ["Truth", "material_coordinates", "read_truth", "true_positions", "write_truth"]
 
 _SCHEMA = 1
 _CLOSEST_POINT_STEPS = 8

@@ -24,8 +24,6 @@ from ostiform.embedding.untangle import untangled
 from ostiform.errors import EmbeddingError
 from ostiform.surface import Component, Seam, count_flipped, spherical_areas
 
-__all__ = ["embed"]
-
 
 def embed(
     component: Component,

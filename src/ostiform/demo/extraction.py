@@ -11,11 +11,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.demo.cutting import split_along
+from ostiform.demo.deformation import Deformation
+from ostiform.demo.implicit import Anatomy
+from ostiform.demo.relaxation import Sheet, project_to_surface, relaxed
 from ostiform.errors import TopologyError
-from ostiform.study.cutting import split_along
-from ostiform.study.deformation import Deformation
-from ostiform.study.implicit import Anatomy
-from ostiform.study.relaxation import Sheet, project_to_surface, relaxed
 from ostiform.surface import (
     Surface,
     boundary_loops,
@@ -24,8 +24,6 @@ from ostiform.surface import (
     euler_characteristic,
     unique_edges,
 )
-
-__all__ = ["canonical_points", "extract"]
 
 _GRID_PER_EDGE = 0.97
 """Grid spacing over mean edge: a contour whose vertices near grid nodes are merged has about

@@ -1,0 +1,5 @@
+"""The generated population of beating left hearts, with its true correspondence."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
