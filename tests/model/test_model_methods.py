@@ -1,28 +1,14 @@
-"""The model as a value: its methods are the functions, and its pictures need no window."""
+"""The model as a value: its operations change nothing, and its pictures need no window."""
 
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from compare import assert_same_model
 from populations import population
 
 from ostiform.errors import InputError
-from ostiform.model import (
-    fit_model,
-    marginal,
-    mesh_of_template,
-    part_marginal,
-    point_deviations,
-    posterior,
-    project,
-    reconstruct,
-    resampled,
-    resampled_onto,
-    sample_shapes,
-    truncated,
-)
+from ostiform.model import fit_model, mesh_of_template
 
 
 @pytest.fixture(scope="module")
@@ -35,28 +21,19 @@ def model(shapes):
     return fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
 
 
-def test_methods_give_what_the_functions_give(shapes, model):
-    points = np.array([3, 50])
-    pairs = [
-        (model.truncated(2), truncated(model, 2)),
-        (model.part("LA"), part_marginal(model, "LA")),
-        (model.marginal(np.arange(40)), marginal(model, np.arange(40))),
-        (
-            model.posterior(points, model.mean[points], 0.5),
-            posterior(model, points, model.mean[points], 0.5),
-        ),
-        (model.resampled(200), resampled(model, 200)),
-        (
-            model.resampled_onto(model.mean, model.mesh.faces),
-            resampled_onto(model, model.mean, model.mesh.faces),
-        ),
-    ]
-    for method, function in pairs:
-        assert_same_model(method, function)
-    np.testing.assert_array_equal(model.project(shapes.aligned), project(model, shapes.aligned))
-    np.testing.assert_array_equal(model.reconstruct([1.0]), reconstruct(model, np.ones(1)))
-    expected = sample_shapes(model, 3, np.random.default_rng(8), 3.0)
-    np.testing.assert_array_equal(model.sample(3, seed=8), expected)
+def test_a_displaced_mean_lies_so_many_deviations_along_its_mode(model):
+    scores = model.project(model.displaced(1, -2.0))
+    expected = np.zeros(len(model.modes))
+    expected[1] = -2.0 * np.sqrt(model.variances[1])
+    np.testing.assert_allclose(scores, expected, atol=1e-9)
+    with pytest.raises(InputError, match="expected an index from 0"):
+        model.displaced(len(model.modes), 1.0)
+
+
+def test_equal_seeds_draw_equal_shapes(model):
+    drawn = model.sample(3, seed=8)
+    np.testing.assert_array_equal(drawn, model.sample(3, np.random.default_rng(8)))
+    assert np.abs(drawn - model.sample(3, seed=9)).max() > 0.0
 
 
 def test_no_operation_changes_the_model(model):
@@ -70,7 +47,7 @@ def test_no_operation_changes_the_model(model):
 
 def test_the_deviation_of_points_is_that_of_the_shapes(shapes, model):
     variance = shapes.aligned.var(axis=0, ddof=1).sum(axis=1)
-    np.testing.assert_allclose(point_deviations(model), np.sqrt(variance), rtol=1e-8)
+    np.testing.assert_allclose(model.point_deviations(), np.sqrt(variance), rtol=1e-8)
 
 
 def test_too_many_scores_of_a_picture_are_refused(model):

@@ -22,7 +22,6 @@ from ostiform.model import (
     project,
     reconstruct,
     sample_scores,
-    sample_shapes,
     truncated,
 )
 
@@ -191,8 +190,8 @@ def test_truncated_scores_stay_within_the_limit_and_lose_the_known_variance(mode
 
 
 def test_equal_seeds_give_equal_shapes(model):
-    first = sample_shapes(model, 3, np.random.default_rng(5), limit=3.0)
-    np.testing.assert_array_equal(first, sample_shapes(model, 3, np.random.default_rng(5), 3.0))
+    first = model.sample(3, np.random.default_rng(5), 3.0)
+    np.testing.assert_array_equal(first, model.sample(3, np.random.default_rng(5), 3.0))
 
 
 def test_truncating_moves_variance_to_the_residual(model):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
+from ostiform.model.algebra import check_weights
 from ostiform.model.hdf5 import (
     check_schema,
     put_facts,
@@ -25,7 +26,7 @@ from ostiform.model.hdf5 import (
     take_texts,
     writing,
 )
-from ostiform.model.types import ModelMesh, check_weights
+from ostiform.model.mesh import ModelMesh
 from ostiform.study import ShapeId
 
 

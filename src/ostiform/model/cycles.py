@@ -15,7 +15,6 @@ from scipy.special import ndtr, ndtri
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.model.dynamics import DynamicModel
-from ostiform.model.pca import project, reconstruct
 from ostiform.model.trajectories import fourier_design
 from ostiform.model.types import ShapeModel
 
@@ -96,7 +95,7 @@ def cycle_shapes(model: CycleModel, scores: FloatArray, times: FloatArray) -> Fl
         )
     curves = model.mean + np.tensordot(given, model.modes[: given.shape[-1]], axes=1)
     design = fourier_design(times, (len(model.mean) - 1) // 2)  # (T, 2H + 1)
-    return reconstruct(model.basis, design @ curves)
+    return model.basis.reconstruct(design @ curves)
 
 
 def random_cycles(
@@ -131,8 +130,8 @@ def beating_shape(model: DynamicModel, scores: FloatArray, times: FloatArray) ->
         If there are more scores than modes between subjects.
     """
     motion = np.array(model.trajectories.coefficients.mean(axis=0))  # (2H + 1, K)
-    motion[0] = project(model.total, reconstruct(model.between, scores))
-    return reconstruct(model.total, fourier_design(times, model.trajectories.harmonics) @ motion)
+    motion[0] = model.total.project(model.between.reconstruct(scores))
+    return model.total.reconstruct(fourier_design(times, model.trajectories.harmonics) @ motion)
 
 
 def _coefficient_scale(count: int) -> FloatArray:

@@ -15,6 +15,7 @@ from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
+from ostiform.model.algebra import principal_modes, weighted_size
 from ostiform.model.levels import (
     common_motion,
     group_means,
@@ -22,13 +23,8 @@ from ostiform.model.levels import (
     level_shares,
     subject_indices,
 )
-from ostiform.model.pca import (
-    model_in_span,
-    principal_modes,
-    project,
-    reconstruct,
-    weighted_size,
-)
+from ostiform.model.mesh import ModelMesh
+from ostiform.model.pca import model_in_span
 from ostiform.model.phases import phase_weights
 from ostiform.model.trajectories import (
     Trajectories,
@@ -37,7 +33,7 @@ from ostiform.model.trajectories import (
     fourier_design,
     interpolation_errors,
 )
-from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
+from ostiform.model.types import ShapeModel, StoredModel
 from ostiform.study import ShapeId
 
 CONFIDENCE = 0.95
@@ -178,7 +174,7 @@ def fit_dynamic_model(
     deviations = np.sqrt(share)[:, None, None] * (shapes - mean)
     modes, variances = principal_modes(deviations, weights, size)
     total = ShapeModel(mean, modes, variances, weights, mesh, 0.0, len(ids))
-    scores = project(total, shapes)  # (N, K)
+    scores = total.project(shapes)  # (N, K)
     subject = subject_indices(ids)
     centres = group_means(scores, share, subject)  # (S, K)
     motion = scores - centres[subject]
@@ -227,21 +223,21 @@ def dynamic_model_of(
         )
     model = stored.model
     return fit_dynamic_model(
-        reconstruct(model, stored.scores), stored.ids, model.weights, model.mesh, settings
+        model.reconstruct(stored.scores), stored.ids, model.weights, model.mesh, settings
     )
 
 
 def subject_means(model: DynamicModel) -> FloatArray:
     """Return the mean shape over the cycle (S, P, 3) in mm of every subject."""
     subject = subject_indices(model.ids)
-    return reconstruct(model.total, group_means(model.scores, model.phase_weights, subject))
+    return model.total.reconstruct(group_means(model.scores, model.phase_weights, subject))
 
 
 def within_shapes(model: DynamicModel) -> FloatArray:
     """Return the shapes (N, P, 3) in mm with their subject's mean replaced by the population's."""
     subject = subject_indices(model.ids)
     centres = group_means(model.scores, model.phase_weights, subject)
-    return reconstruct(model.total, model.scores - centres[subject])
+    return model.total.reconstruct(model.scores - centres[subject])
 
 
 def level_shapes(model: DynamicModel) -> dict[str, FloatArray]:
@@ -256,10 +252,10 @@ def level_shapes(model: DynamicModel) -> dict[str, FloatArray]:
     subject = subject_indices(model.ids)
     centres, common, departure = level_scores(model.scores, model.phase_weights, subject, model.ids)
     return {
-        "between": reconstruct(model.total, centres),
-        "within": reconstruct(model.total, common + departure),
-        "common": reconstruct(model.total, common),
-        "departure": reconstruct(model.total, departure),
+        "between": model.total.reconstruct(centres),
+        "within": model.total.reconstruct(common + departure),
+        "common": model.total.reconstruct(common),
+        "departure": model.total.reconstruct(departure),
     }
 
 
@@ -316,13 +312,13 @@ def resampled_cycle(model: DynamicModel, subject: str, times: FloatArray) -> Flo
             f"found {subject}"
         )
     curve = model.trajectories.coefficients[model.subjects.index(subject)]  # (2H + 1, K)
-    return reconstruct(model.total, fourier_design(times, model.trajectories.harmonics) @ curve)
+    return model.total.reconstruct(fourier_design(times, model.trajectories.harmonics) @ curve)
 
 
 def mean_cycle(model: DynamicModel, times: FloatArray) -> FloatArray:
     """Return the mean over the subjects' cycles (T, P, 3) in mm at any times (T,)."""
     curve = model.trajectories.coefficients.mean(axis=0)  # (2H + 1, K)
-    return reconstruct(model.total, fourier_design(times, model.trajectories.harmonics) @ curve)
+    return model.total.reconstruct(fourier_design(times, model.trajectories.harmonics) @ curve)
 
 
 def phase_prediction(model: DynamicModel) -> PhasePrediction:

@@ -5,10 +5,7 @@ The layout of ``correspondence.h5`` is a promise to other programs.
 
 from pathlib import Path
 
-import numpy as np
-
 from ostiform.correspondence import Correspondence
-from ostiform.errors import InputError
 from ostiform.model.hdf5 import (
     check_schema,
     put_facts,
@@ -20,7 +17,6 @@ from ostiform.model.hdf5 import (
     take_template,
     writing,
 )
-from ostiform.model.pca import reconstruct
 from ostiform.model.types import ShapeModel
 from ostiform.surface import write_surface
 
@@ -95,13 +91,7 @@ def write_mode(path: Path, model: ShapeModel, mode: int, deviation: float) -> No
     InputError
         If the model has no such mode.
     """
-    if not 0 <= mode < len(model.modes):
-        raise InputError(
-            f"mode of a model: expected an index from 0 to {len(model.modes) - 1}, found {mode}"
-        )
-    scores = np.zeros(mode + 1)
-    scores[mode] = deviation * np.sqrt(model.variances[mode])
-    shape = reconstruct(model, scores)
+    shape = model.displaced(mode, deviation)
     write_surface(
         path,
         shape,

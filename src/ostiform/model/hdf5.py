@@ -14,7 +14,7 @@ from ostiform.arrays import IntArray
 from ostiform.atomic import atomically
 from ostiform.domain import Template, TemplateLevel
 from ostiform.errors import ArtifactError, InputError, OstiformError
-from ostiform.model.types import ModelMesh
+from ostiform.model.mesh import ModelMesh
 from ostiform.study import ShapeId
 
 SCHEMA = 1

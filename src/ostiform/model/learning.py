@@ -21,7 +21,6 @@ from ostiform.domain import best_rotations, homogeneous
 from ostiform.errors import InputError
 from ostiform.model.conditioning import CyclePrior, cycle_energies, cycle_posterior
 from ostiform.model.dynamics import DynamicModel, mean_cycle
-from ostiform.model.pca import reconstruct
 from ostiform.model.trajectories import fourier_design
 
 ENOUGH_SUBJECTS = 20
@@ -188,7 +187,7 @@ def _trial(model: DynamicModel, subject: int, given: FloatArray) -> _Trial | Non
     apart = np.abs((given[:, None] - times + 0.5) % 1.0 - 0.5)  # (J, n)
     _, chosen = linear_sum_assignment(apart)
     other = np.setdiff1d(np.arange(len(own)), chosen)
-    shapes = reconstruct(model.total, model.scores[own])
+    shapes = model.total.reconstruct(model.scores[own])
     pose = pose_to_mean_cycle(model, shapes[chosen], times[chosen])
     placed = (shapes @ pose[:3, :3].T + pose[:3, 3]) * np.sqrt(model.total.weights)[:, None]
     flat = placed.reshape(len(own), -1)

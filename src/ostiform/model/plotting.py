@@ -1,14 +1,12 @@
-"""A model in a PyVista window or picture, for notebooks. PyVista is loaded only when asked for."""
+"""A shape in a PyVista window or picture, for notebooks. PyVista is loaded only when asked for."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.model.pca import reconstruct
-from ostiform.model.types import ShapeModel
+from ostiform.model.mesh import ModelMesh
 
 if TYPE_CHECKING:
     import pyvista
@@ -21,64 +19,40 @@ RIM_COLOUR = "#1b2733"
 AMBIENT = 0.25
 
 
-def point_deviations(model: ShapeModel) -> FloatArray:
-    """Return the standard deviation (P,) in mm of every point: RMS distance from its mean."""
-    squared = np.einsum("k,kpi,kpi->p", model.variances, model.modes, model.modes)
-    deviations: FloatArray = np.sqrt(squared + model.residual_variance)
-    return deviations
-
-
-def model_plotter(
-    model: ShapeModel,
-    scores: ArrayLike = (),
-    colour: Colouring = "part",
-    off_screen: bool | None = None,
-    window_size: Sequence[int] = (800, 700),
+def plotted(
+    shape: FloatArray,
+    mesh: ModelMesh,
+    values: tuple[str, FloatArray] | None,
+    off_screen: bool | None,
+    window_size: Sequence[int],
 ) -> "pyvista.Plotter":
-    """Return a PyVista plotter of one shape of a model, its openings drawn as lines.
-
-    Nothing is opened: call ``show()`` for a window or a notebook's viewer, ``screenshot(path)``
-    for a picture. More meshes can be added before.
+    """Return a PyVista plotter of a shape (P, 3), its openings drawn as lines.
 
     Parameters
     ----------
-    model : ShapeModel
-    scores : (M,) array_like, mm
-        Of the shape; missing ones are zero, so that nothing given is the mean.
-    colour : str
-        ``"part"``, ``"displacement"`` (distance from the mean, mm) or ``"deviation"`` (standard
-        deviation of every point, mm).
-    off_screen : bool, optional
-        Draw without a window; PyVista's own setting if absent.
-    window_size : (int, int)
-        In pixels.
-
-    Raises
-    ------
-    InputError
-        If there are more scores than modes.
+    shape : (P, 3) float64, mm
+    mesh : ModelMesh
+    values : (str, (P,) float64) or None
+        Title and numbers that colour the points; the parts have colours if absent.
+    off_screen, window_size
+        As `ShapeModel.plot`.
     """
     import pyvista
 
-    shape = reconstruct(model, np.asarray(scores, dtype=np.float64))
     plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(window_size))
-    mesh = _surface(shape, model.mesh.faces)
-    if colour == "part":
-        for number in range(len(model.mesh.parts)):
-            inside = model.mesh.face_part == number
+    if values is None:
+        for number in range(len(mesh.parts)):
+            inside = mesh.face_part == number
             if inside.any():
-                piece = _surface(shape, model.mesh.faces[inside])
+                piece = _surface(shape, mesh.faces[inside])
                 paint = PART_COLOURS[number % len(PART_COLOURS)]
                 plotter.add_mesh(piece, color=paint, smooth_shading=True, ambient=AMBIENT)
     else:
-        values, title = (
-            (np.linalg.norm(shape - model.mean, axis=1), "distance (mm)")
-            if colour == "displacement"
-            else (point_deviations(model), "sd (mm)")
-        )
-        mesh.point_data[title] = values
+        title, numbers = values
+        surface = _surface(shape, mesh.faces)
+        surface.point_data[title] = numbers
         plotter.add_mesh(
-            mesh,
+            surface,
             scalars=title,
             cmap="cividis",
             smooth_shading=True,
@@ -95,7 +69,7 @@ def model_plotter(
                 "label_font_size": 16,
             },
         )
-    for loop in model.mesh.loops.values():
+    for loop in mesh.loops.values():
         rim = pyvista.lines_from_points(shape[loop], close=True)
         plotter.add_mesh(rim, color=RIM_COLOUR, line_width=3)
     plotter.background_color = pyvista.Color("white")

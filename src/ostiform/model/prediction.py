@@ -25,7 +25,6 @@ from ostiform.model.learning import (
     pose_to_mean_cycle,
     posed_cycles,
 )
-from ostiform.model.pca import reconstruct
 from ostiform.model.types import ShapeModel
 
 KEPT_VARIANCE = 1e-4
@@ -107,7 +106,7 @@ def fitted_phase(
     values, vectors = eigh(frozen_floats(covariance, (count, count), "covariance of scores"))
     kept = values > KEPT_VARIANCE * max(float(values.max(initial=0.0)), 0.0)
     rows = (vectors[:, kept] * np.sqrt(values[kept])).T  # (Q, K)
-    return ObservedPhase(time, reconstruct(model, given), np.tensordot(rows, model.modes, axes=1))
+    return ObservedPhase(time, model.reconstruct(given), np.tensordot(rows, model.modes, axes=1))
 
 
 def predict_cycle(

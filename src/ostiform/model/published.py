@@ -24,9 +24,10 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.model.algebra import principal_modes, weighted_size
 from ostiform.model.hdf5 import reading
-from ostiform.model.pca import principal_modes, weighted_size
-from ostiform.model.types import ModelMesh, ShapeModel
+from ostiform.model.mesh import ModelMesh
+from ostiform.model.types import ShapeModel
 from ostiform.surface import read_legacy_vtk
 
 PART = "surface"

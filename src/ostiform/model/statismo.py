@@ -27,8 +27,9 @@ from ostiform.model.hdf5 import (
     take_texts,
     writing,
 )
+from ostiform.model.mesh import ModelMesh
 from ostiform.model.published import opened_model, published_model
-from ostiform.model.types import ModelMesh, ShapeModel, StoredModel
+from ostiform.model.types import ShapeModel, StoredModel
 
 OWN_GROUP = "ostiform"
 REPRESENTER = "vtkStandardMeshRepresenter"

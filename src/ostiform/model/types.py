@@ -1,19 +1,31 @@
 """Statistical shape models as values: a mean, modes, variances, and the mesh they live on.
 
-The methods of `ShapeModel` are the functions of `ostiform.model` under short names; these modules
-build on this one and are therefore imported where they are called.
+A model is a Gaussian distribution: projecting, sampling, truncating, restricting and conditioning
+return points, scores or another model of the same kind, and change nothing.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.domain import Template
 from ostiform.errors import InputError
+from ostiform.model.algebra import (
+    check_weights,
+    checked_points,
+    checked_scores,
+    conditioned,
+    normal_scores,
+    principal_modes,
+    weighted_size,
+)
+from ostiform.model.mesh import ModelMesh
+from ostiform.model.plotting import Colouring, plotted
+from ostiform.model.resampling import Resampling, resampling, resampling_onto
 from ostiform.study import ShapeId
 
 if TYPE_CHECKING:
@@ -21,70 +33,6 @@ if TYPE_CHECKING:
 
 ORTHONORMAL_TOLERANCE = 1e-8
 """Largest entry of |Phi^T W Phi - I|, a pure number: rounding of sums over 3P products."""
-
-WEIGHT_SUM_TOLERANCE = 1e-9
-"""Of a sum of shares that is 1: rounding, weights that were written in double precision."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelMesh:
-    """The triangulation that a model's points share, with the names of its parts and openings.
-
-    Attributes
-    ----------
-    faces : (F, 3) int64
-        Point indices, counter-clockwise seen from outside.
-    face_part : (F,) int64
-        Index into `parts`.
-    part : (P,) int64
-        Index into `parts`; a seam point carries the first part of its seam.
-    parts : tuple of str
-    loops : mapping of str to (n,) int64
-        Points of each ostium's rim by full name, surface of that part on the left.
-    """
-
-    faces: IntArray
-    face_part: IntArray
-    part: IntArray
-    parts: tuple[str, ...]
-    loops: Mapping[str, IntArray]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(
-            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
-        )
-        object.__setattr__(self, "part", frozen_ints(self.part, (None,), "part"))
-        object.__setattr__(
-            self,
-            "loops",
-            frozen_mapping(
-                {n: frozen_ints(loop, (None,), f"loop {n}") for n, loop in self.loops.items()}
-            ),
-        )
-        for name, indices, count in (
-            ("faces", self.faces, len(self.part)),
-            ("face_part", self.face_part, len(self.parts)),
-            ("part", self.part, len(self.parts)),
-            *((f"loop {n}", loop, len(self.part)) for n, loop in self.loops.items()),
-        ):
-            if indices.size and (indices.min() < 0 or indices.max() >= count):
-                raise InputError(
-                    f"{name}: expected indices from 0 to {count - 1}, "
-                    f"found {int(indices.min())} to {int(indices.max())}"
-                )
-
-
-def mesh_of_template(template: Template) -> ModelMesh:
-    """Return what a model keeps of a template: its triangles, parts and openings."""
-    return ModelMesh(
-        faces=template.faces,
-        face_part=template.face_part,
-        part=template.part,
-        parts=template.parts,
-        loops=template.loops,
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,76 +98,279 @@ class ShapeModel:
         """Variance of the modes and of the residual together, mm^2 per point."""
         return float(self.variances.sum()) + self.residual_variance
 
-    def project(self, shapes: FloatArray) -> FloatArray:
-        """Return the scores (..., K) in mm of shapes (..., P, 3): see `ostiform.model.project`."""
-        from ostiform.model import pca
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviation (K,) of the scores in mm."""
+        return np.sqrt(self.variances)
 
-        return pca.project(self, shapes)
+    def project(self, shapes: FloatArray) -> FloatArray:
+        """Return the scores (..., K) in mm of shapes (..., P, 3) given in the model's frame.
+
+        The projection is orthogonal under the point weights: ``b = Phi^T W (x - mean)``.
+        """
+        deviations = (np.asarray(shapes) - self.mean) * self.weights[:, None]  # (..., P, 3)
+        scores: FloatArray = np.tensordot(deviations, self.modes, axes=([-2, -1], [1, 2]))
+        return scores
 
     def reconstruct(self, scores: ArrayLike) -> FloatArray:
-        """Return the shapes (..., P, 3) in mm of scores: see `ostiform.model.reconstruct`."""
-        from ostiform.model import pca
+        """Return the shapes (..., P, 3) in mm of scores (..., M), M <= K; missing are zero.
 
-        return pca.reconstruct(self, np.asarray(scores, dtype=np.float64))
+        Raises
+        ------
+        InputError
+            If there are more scores than modes.
+        """
+        given = checked_scores(scores, len(self.modes))
+        moved: FloatArray = np.tensordot(given, self.modes[: given.shape[-1]], axes=1)
+        return self.mean + moved
 
-    def sample(self, count: int = 1, seed: int = 0, limit: float = 3.0) -> FloatArray:
+    def displaced(self, mode: int, deviation: float) -> FloatArray:
+        """Return the mean (P, 3) displaced along one mode, in standard deviations (HY Fig. 3).
+
+        Raises
+        ------
+        InputError
+            If the model has no such mode.
+        """
+        if not 0 <= mode < len(self.modes):
+            raise InputError(
+                f"mode of a model: expected an index from 0 to {len(self.modes) - 1}, found {mode}"
+            )
+        shape: FloatArray = self.mean + deviation * self.deviations[mode] * self.modes[mode]
+        return shape
+
+    def point_deviations(self) -> FloatArray:
+        """Return the standard deviation (P,) in mm of every point: RMS distance from its mean."""
+        squared = np.einsum("k,kpi,kpi->p", self.variances, self.modes, self.modes)
+        deviations: FloatArray = np.sqrt(squared + self.residual_variance)
+        return deviations
+
+    def sample_scores(
+        self, count: int, rng: np.random.Generator, limit: float = np.inf
+    ) -> FloatArray:
+        """Return random scores (count, K) in mm, ``b_k ~ N(0, l_k)`` truncated at `limit` sd."""
+        return normal_scores(self.variances, count, rng, limit)
+
+    def sample(
+        self, count: int = 1, seed: int | np.random.Generator = 0, limit: float = 3.0
+    ) -> FloatArray:
         """Return random shapes (count, P, 3) in mm, equal for equal seeds.
 
-        Scores are truncated at `limit` standard deviations: see `ostiform.model.sample_shapes`.
+        Scores are truncated at `limit` standard deviations; the residual variance is not added as
+        noise.
         """
-        from ostiform.model import pca
-
-        return pca.sample_shapes(self, count, np.random.default_rng(seed), limit)
+        rng = np.random.default_rng(seed)
+        return self.reconstruct(self.sample_scores(count, rng, limit))
 
     def truncated(self, n_modes: int) -> "ShapeModel":
-        """Return the model with its first modes only: see `ostiform.model.truncated`."""
-        from ostiform.model import pca
+        """Return the model with its first modes only; what they leave joins the residual variance.
 
-        return pca.truncated(self, n_modes)
+        Raises
+        ------
+        InputError
+            If `n_modes` is negative or more than the model has.
+        """
+        if not 0 <= n_modes <= len(self.modes):
+            raise InputError(
+                f"a truncated model: expected from 0 to {len(self.modes)} modes, found {n_modes}"
+            )
+        left_out = float(self.variances[n_modes:].sum())
+        return replace(
+            self,
+            modes=self.modes[:n_modes],
+            variances=self.variances[:n_modes],
+            residual_variance=self.residual_variance + left_out,
+        )
 
-    def part(self, name: str) -> "ShapeModel":
-        """Return the model of one part: see `ostiform.model.part_marginal`."""
-        from ostiform.model import pca
+    def image(
+        self, mean: FloatArray, modes: FloatArray, weights: FloatArray, mesh: ModelMesh
+    ) -> "ShapeModel":
+        """Return the model of the images of its shapes under a linear map.
 
-        return pca.part_marginal(self, name)
+        The residual variance stays as it is: it is the same noise at every point.
+
+        Parameters
+        ----------
+        mean : (Q, 3) float64, mm
+            Image of the mean.
+        modes : (K, Q, 3) float64
+            Images of the modes; they are made orthonormal under the new weights.
+        weights : (Q,) float64
+            Area shares of the new points, sum 1.
+        mesh : ModelMesh
+        """
+        spread = self.deviations[:, None, None]
+        found, variances = principal_modes(modes * spread, weights, weighted_size(mean, weights))
+        return replace(
+            self, mean=mean, modes=found, variances=variances, weights=weights, mesh=mesh
+        )
 
     def marginal(self, points: IntArray) -> "ShapeModel":
-        """Return the model of some of the points: see `ostiform.model.marginal`."""
-        from ostiform.model import pca
+        """Return the distribution of some of the points, whatever the others do.
 
-        return pca.marginal(self, points)
+        Triangles and openings are kept where all their points are; the weights are rescaled to
+        sum 1 and the modes made orthonormal under them.
+
+        Parameters
+        ----------
+        points : (Q,) int64
+            Distinct point indices, in the order that the new model shall have.
+
+        Raises
+        ------
+        InputError
+            If a point is unknown or given twice, or none is given.
+        """
+        chosen = checked_points(points, len(self.mean))
+        return self._restricted(chosen, self.mesh.restricted(chosen))
+
+    def part(self, name: str) -> "ShapeModel":
+        """Return the distribution of one part, the seam points that it shares included.
+
+        Raises
+        ------
+        InputError
+            If the model has no such part.
+        """
+        return self._restricted(*self.mesh.of_part(name))
+
+    def _restricted(self, points: IntArray, mesh: ModelMesh) -> "ShapeModel":
+        weights = self.weights[points] / self.weights[points].sum()
+        return self.image(self.mean[points], self.modes[:, points], weights, mesh)
 
     def posterior(
         self, points: IntArray, positions: FloatArray, noise_mm: FloatArray | float
     ) -> "ShapeModel":
-        """Return what remains open once some points are seen: see `ostiform.model.posterior`."""
-        from ostiform.model import pca
+        """Return the distribution of the whole shape, given noisy positions of some of its points.
 
-        return pca.posterior(self, points, positions, noise_mm)
+        Gaussian conditioning of the scores; their covariance is diagonalised inside the span of
+        the modes, so the new modes stay orthonormal under the same weights. The model's residual
+        variance counts as noise of the observation.
+
+        Parameters
+        ----------
+        points : (Q,) int64
+            The points seen; distinct.
+        positions : (Q, 3) float64, mm
+            Where they were seen, in the model's frame.
+        noise_mm : float or (Q,) float64, mm
+            Standard deviation of each coordinate of an observation.
+
+        Raises
+        ------
+        InputError
+            If a point is unknown or given twice, or the noise is not positive anywhere.
+        """
+        chosen = checked_points(points, len(self.mean))
+        seen = frozen_floats(positions, (len(chosen), 3), "observed positions")
+        noise = np.broadcast_to(np.asarray(noise_mm, dtype=np.float64), (len(chosen),))
+        variance = noise**2 + self.residual_variance / 3.0  # (Q,) per coordinate
+        if not (np.isfinite(variance).all() and (variance > 0.0).all() and (noise >= 0.0).all()):
+            raise InputError(
+                "noise of observed points: expected positive standard deviations in mm, "
+                f"found values from {noise.min():.3g} to {noise.max():.3g}"
+            )
+        scores, variances, directions = conditioned(
+            self.modes[:, chosen].reshape(len(self.modes), -1),
+            (seen - self.mean[chosen]).ravel(),
+            self.variances,
+            np.repeat(variance, 3),
+        )
+        return replace(
+            self,
+            mean=self.reconstruct(scores),
+            modes=np.tensordot(directions, self.modes, axes=1),
+            variances=variances,
+        )
 
     def resampled(self, n_points: int) -> "ShapeModel":
-        """Return the model on a new, even mesh of its mean: see `ostiform.model.resampled`."""
-        from ostiform.model import resampling
+        """Return the model on a new, even triangulation of its mean.
 
-        return resampling.resampled(self, n_points)
+        The mean is remeshed with nearly equilateral triangles of one size; rims and seams are
+        kept as curves. The weights are the area shares of the new points: the old density of
+        weight on the mean, carried over.
+
+        Parameters
+        ----------
+        n_points : int
+            Reached to within 2 %.
+
+        Raises
+        ------
+        InputError
+            If the model has no triangles, or `n_points` is below 4.
+        ConvergenceError
+            If the points are far too few for the rims and seams.
+        """
+        return self._resampled(resampling(self.mean, self.mesh, self.weights, n_points))
 
     def resampled_onto(self, vertices: FloatArray, faces: IntArray) -> "ShapeModel":
-        """Return the model on a given mesh near its mean: see `ostiform.model.resampled_onto`."""
-        from ostiform.model import resampling
+        """Return the model on a given triangulation that lies on or near its mean.
 
-        return resampling.resampled_onto(self, vertices, faces)
+        Every vertex goes to the closest point of the mean, a rim vertex to the closest point of
+        the model's rim. A triangle belongs to the part that its centroid is nearest to; where two
+        parts meet, the seam runs along the edges of the given mesh.
+
+        Parameters
+        ----------
+        vertices : (Q, 3) float64, mm
+            In the model's frame; every one used by a triangle.
+        faces : (F, 3) int64
+            Counter-clockwise seen from outside.
+
+        Raises
+        ------
+        InputError
+            If an index is out of range, a vertex has no triangle, the openings of a part are not
+            as many as the model's, or two vertices fall on one point so that no area is left to
+            them.
+        TopologyError
+            If the mesh is not an oriented manifold.
+        """
+        return self._resampled(resampling_onto(self.mean, self.mesh, self.weights, vertices, faces))
+
+    def _resampled(self, new: Resampling) -> "ShapeModel":
+        modes = np.array([new.carried(mode) for mode in self.modes]).reshape(
+            len(self.modes), len(new.weights), 3
+        )
+        return self.image(new.carried(self.mean), modes, new.weights, new.mesh)
 
     def plot(
         self,
         scores: ArrayLike = (),
-        colour: Literal["part", "displacement", "deviation"] = "part",
+        colour: Colouring = "part",
         off_screen: bool | None = None,
         window_size: Sequence[int] = (800, 700),
     ) -> "pyvista.Plotter":
-        """Return a PyVista plotter of one shape: see `ostiform.model.model_plotter`."""
-        from ostiform.model import plotting
+        """Return a PyVista plotter of one shape, its openings drawn as lines.
 
-        return plotting.model_plotter(self, scores, colour, off_screen, window_size)
+        Nothing is opened: call ``show()`` for a window or a notebook's viewer,
+        ``screenshot(path)`` for a picture. More meshes can be added before.
+
+        Parameters
+        ----------
+        scores : (M,) array_like, mm
+            Of the shape; missing ones are zero, so that nothing given is the mean.
+        colour : str
+            ``"part"``, ``"displacement"`` (distance from the mean, mm) or ``"deviation"``
+            (standard deviation of every point, mm).
+        off_screen : bool, optional
+            Draw without a window; PyVista's own setting if absent.
+        window_size : (int, int)
+            In pixels.
+
+        Raises
+        ------
+        InputError
+            If there are more scores than modes.
+        """
+        shape = self.reconstruct(scores)
+        values = {
+            "part": None,
+            "displacement": ("distance (mm)", np.linalg.norm(shape - self.mean, axis=1)),
+            "deviation": ("sd (mm)", self.point_deviations()),
+        }[colour]
+        return plotted(shape, self.mesh, values, off_screen, window_size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,16 +410,3 @@ class StoredModel:
                 f"{len(self.model.mesh.faces)} triangles, found {len(self.template.points)} and "
                 f"{len(self.template.faces)}, or others"
             )
-
-
-def check_weights(weights: FloatArray) -> None:
-    """Raise `InputError` unless point weights are positive and sum to one."""
-    total = float(weights.sum())
-    if (weights <= 0.0).any():
-        worst = int(np.argmin(weights))
-        raise InputError(
-            f"point weights: expected positive area shares, found {weights[worst]:.3g} "
-            f"at point {worst}"
-        )
-    if abs(total - 1.0) > WEIGHT_SUM_TOLERANCE:
-        raise InputError(f"point weights: expected a sum of 1, found {total:.12g}")

@@ -8,14 +8,14 @@ low-rank model with orthonormal modes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
-from ostiform.model.pca import principal_modes, project, reconstruct, weighted_size
+from ostiform.model.algebra import principal_modes, weighted_size
 from ostiform.model.types import ShapeModel, StoredModel
 
 KernelShape = Literal["gaussian", "compact"]
@@ -186,22 +186,14 @@ def widened(
         fields[axis, :, :, axis] = factor.T
     deviations = np.concatenate(
         [
-            model.modes * np.sqrt(model.variances)[:, None, None],
+            model.modes * model.deviations[:, None, None],
             fields.reshape(-1, *model.mean.shape),
         ]
     )
     size = weighted_size(model.mean, model.weights)
     modes, variances = principal_modes(deviations, model.weights, size)
     return Widened(
-        model=ShapeModel(
-            mean=model.mean,
-            modes=modes,
-            variances=variances,
-            weights=model.weights,
-            mesh=model.mesh,
-            residual_variance=model.residual_variance,
-            sample_count=model.sample_count,
-        ),
+        model=replace(model, modes=modes, variances=variances),
         added_variance=3.0 * float(model.weights @ (factor**2).sum(axis=1)),
         kernel_variance=3.0 * sum(kernel.sd_mm**2 for kernel in kernels),
         n_fields=factor.shape[1],
@@ -219,5 +211,5 @@ def widened_stored(
     Parameters and errors are those of `widened`.
     """
     result = widened(stored.model, kernels, left_out, most_fields)
-    scores = project(result.model, reconstruct(stored.model, stored.scores))
+    scores = result.model.project(stored.model.reconstruct(stored.scores))
     return StoredModel(result.model, scores, stored.ids, stored.template), result

@@ -17,10 +17,7 @@ from ostiform.model import (
     beating_shape,
     dynamic_model_of,
     mean_cycle,
-    project,
-    reconstruct,
     resampled_cycle,
-    sample_shapes,
 )
 from ostiform.pipeline.events import Event, Progress, Tell
 from ostiform.report import (
@@ -137,7 +134,7 @@ def synthesized(
 
     def put(name: str, shape: FloatArray) -> None:
         written.extend(_write_mesh(folder, name, model, shape, wanted.suffixes))
-        rows.append((name, project(model, shape)))
+        rows.append((name, model.project(shape)))
 
     def put_animation(name: str, animation: Animation) -> None:
         write_frames(folder / f"{name}_frames", animation)
@@ -181,14 +178,11 @@ def _single_shapes(model: ShapeModel, wanted: Synthesis) -> dict[str, FloatArray
                 f"mode of a model: expected a number from 1 to {len(model.modes)}, found {mode + 1}"
             )
         for deviation in wanted.deviations:
-            scores = np.zeros(mode + 1)
-            scores[mode] = deviation * np.sqrt(model.variances[mode])
-            shapes[f"mode{mode + 1}_{deviation:+g}sd"] = reconstruct(model, scores)
+            shapes[f"mode{mode + 1}_{deviation:+g}sd"] = model.displaced(mode, deviation)
     if wanted.scores is not None:
-        shapes["chosen"] = reconstruct(model, _in_mm(wanted.scores, model))
+        shapes["chosen"] = model.reconstruct(_in_mm(wanted.scores, model))
     if wanted.samples:
-        random = np.random.default_rng(wanted.seed)
-        drawn = sample_shapes(model, wanted.samples, random, SAMPLE_LIMIT)
+        drawn = model.sample(wanted.samples, wanted.seed, SAMPLE_LIMIT)
         shapes.update({f"sample{n + 1:04d}": shape for n, shape in enumerate(drawn)})
     return shapes
 
