@@ -14,6 +14,7 @@ ORDER = [
     "errors",
     "arrays",
     "atomic",
+    "tables",
     "surface",
     "study",
     "demo",

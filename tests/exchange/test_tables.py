@@ -4,8 +4,9 @@ import csv
 
 import numpy as np
 
-from ostiform.exchange import write_shape_values_csv, write_table
+from ostiform.exchange import write_shape_values_csv
 from ostiform.study import ShapeId
+from ostiform.tables import write_table
 
 
 def rows_of(path):

@@ -1,6 +1,5 @@
 """The demonstration population: dynamic left hearts with exactly known correspondence."""
 
-import csv
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ from ostiform.demo.truth import Truth, write_truth
 from ostiform.errors import InputError
 from ostiform.study.shape import ShapeId
 from ostiform.surface import write_surface
+from ostiform.tables import write_table
 
 DEFAULT_EDGE_MM = 1.9
 """About 4,000 vertices on the LV and 2,600 on the LA."""
@@ -125,11 +125,7 @@ def write_population(
         rows.append([shape_id.subject, shape_id.phase, repr(shape_id.time), *files])
         for name, centroid in centroids.items():
             rims.setdefault(name, []).append(centroid)
-    with atomically(folder / "shapes.csv") as partial_file:
-        with partial_file.open("w", newline="", encoding="utf-8") as stream:
-            table = csv.writer(stream, lineterminator="\n")
-            table.writerow(["subject", "phase", "time", *truth.anatomy.seeds])
-            table.writerows(rows)
+    write_table(folder / "shapes.csv", ["subject", "phase", "time", *truth.anatomy.seeds], rows)
     write_truth(truth, folder / "truth" / "truth.json")
     study = folder / "study.toml"
     with atomically(study) as partial_file:

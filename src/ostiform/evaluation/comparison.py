@@ -4,18 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray, frozen_mapping
 from ostiform.errors import InputError
 from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.folds import Division
 from ostiform.evaluation.types import Evaluation
+from ostiform.model import mean_half_width
 
 PAPER_GAINS = {"conformal": 0.67, "euclidean": 0.25}
 """How much more compact the optimal model was in HY section 3."""
-
-CONFIDENCE = 0.95
 
 COVERAGE_ROUNDING = 1e-12
 """Of the diameter: added to both distances, so that two exact samplings compare as equal."""
@@ -129,13 +127,10 @@ def paired_difference(
         )
     _, index, counts = np.unique(np.asarray(subjects), return_inverse=True, return_counts=True)
     means = np.bincount(index, weights=differences) / counts  # (S,)
-    mean = float(means.mean())
-    if not with_interval or len(means) < 3:
+    mean, half = float(means.mean()), mean_half_width(means)
+    if not with_interval or half is None:
         return PairedDifference(mean, None, None, len(means))
-    half = float(
-        stdtrit(len(means) - 1, 0.5 * (1.0 + CONFIDENCE)) * means.std(ddof=1) / np.sqrt(len(means))
-    )
-    return PairedDifference(mean, mean - half, mean + half, len(means))
+    return PairedDifference(mean, mean - float(half), mean + float(half), len(means))
 
 
 def compare(model: Evaluation, other: Evaluation) -> Comparison:

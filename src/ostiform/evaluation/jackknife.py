@@ -8,13 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
-
-CONFIDENCE = 0.95
-FEWEST_SUBJECTS = 3
+from ostiform.model import FEWEST_SUBJECTS, jackknife_half_width
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,10 +95,7 @@ def _half_width(
     count = len(kept)
     if count < FEWEST_SUBJECTS or min(map(len, kept)) < 2:
         return None
-    values = np.array([statistic(rows) for rows in kept])  # (S, ...)
-    error = np.sqrt((count - 1.0) / count * ((values - values.mean(axis=0)) ** 2).sum(axis=0))
-    half: FloatArray = stdtrit(count - 1, 0.5 * (1.0 + CONFIDENCE)) * error
-    return half
+    return jackknife_half_width(np.array([statistic(rows) for rows in kept]))  # (S, ...)
 
 
 def _total(scores: FloatArray) -> float:

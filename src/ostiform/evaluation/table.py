@@ -1,11 +1,10 @@
 """What was measured about the models of a run, by the number of modes, as a CSV table."""
 
-import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from ostiform.atomic import atomically
 from ostiform.evaluation.types import Evaluation
+from ostiform.tables import write_table
 
 COLUMNS = (
     "model",
@@ -63,9 +62,5 @@ def write_evaluation_table(path: Path, evaluations: Sequence[Evaluation]) -> Non
     ArtifactError
         If the file cannot be written.
     """
-    with atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(COLUMNS)
-        for evaluation in evaluations:
-            for row in evaluation_rows(evaluation):
-                table.writerow(["" if cell is None else cell for cell in row])
+    rows = (row for evaluation in evaluations for row in evaluation_rows(evaluation))
+    write_table(path, COLUMNS, rows)

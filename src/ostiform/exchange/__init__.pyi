@@ -22,7 +22,6 @@ from .particles import write_xlsx_project as write_xlsx_project
 from .shapes_vtp import write_shape_vtp as write_shape_vtp
 from .tables import write_scores_csv as write_scores_csv
 from .tables import write_shape_values_csv as write_shape_values_csv
-from .tables import write_table as write_table
 from .tables import write_volumes_csv as write_volumes_csv
 from .vertex_order import OrderedShapes as OrderedShapes
 from .vertex_order import SourceFile as SourceFile

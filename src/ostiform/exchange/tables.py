@@ -1,32 +1,17 @@
-"""Tables as CSV: scores and volumes, one row per shape, and any other."""
+"""What is known of every shape as CSV: scores, volumes and other numbers, one row per shape."""
 
-import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.atomic import atomically
 from ostiform.model import StoredModel
 from ostiform.study import ShapeId
+from ostiform.tables import write_table
 
 MM3_PER_ML = 1000.0
 IDENTITY = ("subject", "phase", "time")
-
-
-def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table; numbers that are not whole have six significant digits.
-
-    Raises
-    ------
-    ArtifactError
-        If the file cannot be written.
-    """
-    with atomically(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows([_cell(value) for value in row] for row in rows)
 
 
 def write_shape_values_csv(
@@ -78,7 +63,3 @@ def write_volumes_csv(
     """
     values = np.array(list(volumes.values())).reshape(len(volumes), len(ids)).T / MM3_PER_ML
     write_shape_values_csv(path, ids, [f"{part}_ml" for part in volumes], values)
-
-
-def _cell(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

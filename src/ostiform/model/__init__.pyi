@@ -1,5 +1,6 @@
 from .algebra import principal_modes as principal_modes
 from .corresponded import CorrespondedShapes as CorrespondedShapes
+from .corresponded import corresponded_shapes as corresponded_shapes
 from .corresponded import read_corresponded_shapes as read_corresponded_shapes
 from .corresponded import write_corresponded_shapes as write_corresponded_shapes
 from .cycles import CycleModel as CycleModel
@@ -7,6 +8,8 @@ from .cycles import beating_shape as beating_shape
 from .cycles import cycle_shapes as cycle_shapes
 from .cycles import fit_cycle_model as fit_cycle_model
 from .cycles import random_cycles as random_cycles
+from .dynamic_file import read_dynamic_model as read_dynamic_model
+from .dynamic_file import write_dynamic_model as write_dynamic_model
 from .dynamics import DynamicModel as DynamicModel
 from .dynamics import PhasePrediction as PhasePrediction
 from .dynamics import VarianceShare as VarianceShare
@@ -25,6 +28,10 @@ from .files import write_corresponded_shape as write_corresponded_shape
 from .files import write_correspondence as write_correspondence
 from .files import write_mean as write_mean
 from .files import write_mode as write_mode
+from .intervals import FEWEST_SUBJECTS as FEWEST_SUBJECTS
+from .intervals import jackknife_half_width as jackknife_half_width
+from .intervals import mean_half_width as mean_half_width
+from .intervals import t_half_width as t_half_width
 from .learning import ENOUGH_SUBJECTS as ENOUGH_SUBJECTS
 from .learning import CyclePredictor as CyclePredictor
 from .learning import fit_cycle_predictor as fit_cycle_predictor
@@ -42,6 +49,7 @@ from .operations import resampled as resampled
 from .operations import resampled_onto as resampled_onto
 from .operations import sample_scores as sample_scores
 from .operations import truncated as truncated
+from .pca import analysed as analysed
 from .pca import fit_model as fit_model
 from .pca import model_in_span as model_in_span
 from .phases import phase_weights as phase_weights

@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.correspondence import Correspondence
 from ostiform.errors import InputError
 from ostiform.model.algebra import check_weights
 from ostiform.model.hdf5 import (
+    SHAPE_ARRAYS,
     check_schema,
     put_facts,
     put_ids,
@@ -26,7 +28,7 @@ from ostiform.model.hdf5 import (
     take_texts,
     writing,
 )
-from ostiform.model.mesh import ModelMesh
+from ostiform.model.mesh import ModelMesh, mesh_of_template
 from ostiform.study import ShapeId
 
 
@@ -83,6 +85,13 @@ class CorrespondedShapes:
                 f"{len(self.ids)} others"
             )
         return [places[id.subject, id.phase] for id in wanted]
+
+
+def corresponded_shapes(correspondence: Correspondence) -> CorrespondedShapes:
+    """Return the shapes of a correspondence of this program, without its sphere."""
+    arrays = {name: getattr(correspondence, name) for name in SHAPE_ARRAYS}
+    mesh = mesh_of_template(correspondence.template)
+    return CorrespondedShapes(ids=correspondence.ids, mesh=mesh, **arrays)
 
 
 def write_corresponded_shapes(path: Path, shapes: CorrespondedShapes) -> None:

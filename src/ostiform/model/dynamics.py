@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.model.algebra import principal_modes, weighted_size
+from ostiform.model.intervals import FEWEST_SUBJECTS, jackknife_half_width
 from ostiform.model.levels import (
     common_motion,
     group_means,
@@ -35,8 +35,6 @@ from ostiform.model.trajectories import (
 )
 from ostiform.model.types import ShapeModel, StoredModel
 from ostiform.study import ShapeId
-
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,11 +173,29 @@ def fit_dynamic_model(
     modes, variances = principal_modes(deviations, weights, size)
     total = ShapeModel(mean, modes, variances, weights, mesh, 0.0, len(ids))
     scores = total.project(shapes)  # (N, K)
+    times = np.array([id.time for id in ids])
+    trajectories = fit_trajectories(scores, [id.subject for id in ids], times, settings)
+    return dynamic_model(total, scores, ids, trajectories)
+
+
+def dynamic_model(
+    total: ShapeModel, scores: FloatArray, ids: Sequence[ShapeId], trajectories: Trajectories
+) -> DynamicModel:
+    """Return the dynamic model whose trajectories are fitted: the levels follow from the scores.
+
+    Parameters
+    ----------
+    total : ShapeModel
+        Of all shapes, weighted by `phase_weights`.
+    scores : (N, K) float64, mm
+    ids : (N,) sequence of ShapeId
+    trajectories : Trajectories
+    """
+    share = phase_weights(ids)  # (N,) a_sf
     subject = subject_indices(ids)
     centres = group_means(scores, share, subject)  # (S, K)
     motion = scores - centres[subject]
     times = np.array([id.time for id in ids])
-    trajectories = fit_trajectories(scores, [id.subject for id in ids], times, settings)
     shared = common_motion(motion, share, times, int(np.median(np.bincount(subject))) // 2)
     root = np.sqrt(share)[:, None]
     subject_root = np.sqrt(1.0 / len(centres))
@@ -276,7 +292,7 @@ def variance_shares(model: DynamicModel) -> dict[str, VarianceShare]:
     subject = subject_indices(model.ids)
     values = level_shares(model.scores, model.phase_weights, subject, model.ids)
     count = len(model.subjects)
-    if count < 3:
+    if count < FEWEST_SUBJECTS:
         return {name: VarianceShare(value, None, None) for name, value in values.items()}
     left_out: dict[str, list[float]] = {name: [] for name in values}
     for s in range(count):
@@ -289,11 +305,9 @@ def variance_shares(model: DynamicModel) -> dict[str, VarianceShare]:
         )
         for name, value in found.items():
             left_out[name].append(value)
-    factor = float(stdtrit(count - 1, 0.5 * (1.0 + CONFIDENCE))) * np.sqrt((count - 1.0) / count)
     shares = {}
     for name, value in values.items():
-        others = np.array(left_out[name])
-        half = factor * float(np.sqrt(((others - others.mean()) ** 2).sum()))
+        half = float(jackknife_half_width(np.array(left_out[name])))
         shares[name] = VarianceShare(value, max(0.0, value - half), min(1.0, value + half))
     return shares
 

@@ -7,10 +7,12 @@ from scipy.linalg import svd
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.correspondence import streamed_spectrum
+from ostiform.domain import Template
 from ostiform.errors import InputError
 from ostiform.model.algebra import check_weights, principal_modes, signed, weighted_size
+from ostiform.model.corresponded import CorrespondedShapes
 from ostiform.model.mesh import ModelMesh
-from ostiform.model.types import ShapeModel
+from ostiform.model.types import ShapeModel, StoredModel
 
 LARGEST_EXACT = 2000
 """Modes beyond which only the leading ones are computed."""
@@ -64,6 +66,19 @@ def fit_model(aligned: FloatArray, weights: FloatArray, mesh: ModelMesh) -> Shap
         residual_variance=0.0,
         sample_count=len(shapes),
     )
+
+
+def analysed(shapes: CorrespondedShapes, template: Template | None = None) -> StoredModel:
+    """Return the model of shapes in correspondence with their scores.
+
+    Parameters
+    ----------
+    shapes : CorrespondedShapes
+    template : Template, optional
+        Where the correspondence is this program's.
+    """
+    model = fit_model(shapes.aligned, shapes.weights, shapes.mesh)
+    return StoredModel(model, model.project(shapes.aligned), shapes.ids, template)
 
 
 def _leading_model(shapes: FloatArray, weights: FloatArray, mesh: ModelMesh) -> ShapeModel:

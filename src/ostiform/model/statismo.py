@@ -52,13 +52,18 @@ def write_model(path: Path, stored: StoredModel, build_time: str = "not recorded
         If the file cannot be written.
     """
     with writing(path) as file:
-        version = file.create_group("version")
-        version.create_dataset("majorVersion", data=np.int32(0))
-        version.create_dataset("minorVersion", data=np.int32(9))
-        _put_representer(file, stored.model)
-        rotation, deviations = _put_euclidean_model(file, stored.model)
-        _put_model_info(file, stored, rotation, deviations, build_time)
-        _put_own(file.create_group(OWN_GROUP), stored)
+        put_model(file, stored, build_time)
+
+
+def put_model(file: h5py.File, stored: StoredModel, build_time: str = "not recorded") -> None:
+    """Write a model into an open file; parameters as `write_model`."""
+    version = file.create_group("version")
+    version.create_dataset("majorVersion", data=np.int32(0))
+    version.create_dataset("minorVersion", data=np.int32(9))
+    _put_representer(file, stored.model)
+    rotation, deviations = _put_euclidean_model(file, stored.model)
+    _put_model_info(file, stored, rotation, deviations, build_time)
+    _put_own(file.create_group(OWN_GROUP), stored)
 
 
 def read_model(path: Path) -> StoredModel:
@@ -71,7 +76,7 @@ def read_model(path: Path) -> StoredModel:
     """
     with opened_model(path) as file:
         if OWN_GROUP in file:
-            return _take_own(file[OWN_GROUP])
+            return take_model(file[OWN_GROUP])
         model = published_model(file)
         return StoredModel(model, np.empty((0, len(model.modes))), (), None)
 
@@ -170,7 +175,8 @@ def _put_own(group: h5py.Group, stored: StoredModel) -> None:
         put_template(group, stored.template)
 
 
-def _take_own(group: h5py.Group) -> StoredModel:
+def take_model(group: h5py.Group) -> StoredModel:
+    """Read the group of this program's own from a model file."""
     check_schema(group)
     model = ShapeModel(
         mean=group["mean"][:],

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ostiform.errors import ArtifactError, InputError
-from ostiform.exchange import write_table
 from ostiform.model import StoredModel
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import key_of
 from ostiform.study import read_sheet
+from ostiform.tables import write_table
 
 COVARIATES = "covariates.csv"
 

@@ -17,7 +17,6 @@ import numpy as np
 from ostiform import __version__
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
-from ostiform.exchange import write_table
 from ostiform.model import ShapeModel, StoredModel, read_model
 from ostiform.pipeline.covariates import read_covariates
 from ostiform.report import FOUND_LEVEL, draw_picture, effect_page, render_page, save_drawing
@@ -32,6 +31,7 @@ from ostiform.statistics import (
     subject_values,
 )
 from ostiform.surface import write_surface
+from ostiform.tables import write_table
 
 SCHEMA = 1
 LOW_AND_HIGH = (5.0, 95.0)

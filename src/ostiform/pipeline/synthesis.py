@@ -9,7 +9,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
-from ostiform.exchange import write_table
 from ostiform.model import (
     DynamicModel,
     ShapeModel,
@@ -29,6 +28,7 @@ from ostiform.report import (
     write_webp,
 )
 from ostiform.surface import PLAIN_SUFFIXES, write_plain_mesh, write_surface
+from ostiform.tables import write_table
 
 MEAN_CYCLE = "mean"
 """Asks for the population's mean cycle where a subject's name asks for that subject's."""

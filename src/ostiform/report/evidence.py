@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ostiform.arrays import FloatArray
 from ostiform.evaluation import (
@@ -13,11 +12,11 @@ from ostiform.evaluation import (
     Generalisation,
     paired_difference,
 )
+from ostiform.model import mean_half_width
 from ostiform.report.curves import Band, GainPoint, evidence_figure, gains_figure
 from ostiform.report.html import Fact, Picture, Section, Table
 from ostiform.report.style import KIND_NAMES, percent
 
-CONFIDENCE = 0.95
 TOO_FEW = "Fewer than three subjects: there are no intervals over subjects."
 
 
@@ -303,11 +302,12 @@ def _residue_band(generalisation: Generalisation, subjects: Sequence[str]) -> Ba
     sums = np.zeros((len(counts), generalisation.surface_mean.shape[1]))
     np.add.at(sums, index, generalisation.surface_mean)
     means = sums / counts[:, None]  # (S, M)
-    half = np.zeros(means.shape[1])
-    if len(means) > 2:
-        quantile = stdtrit(len(means) - 1, 0.5 * (1.0 + CONFIDENCE))
-        half = quantile * means.std(axis=0, ddof=1) / np.sqrt(len(means))
-    return Band(generalisation.mode_counts.astype(float), means.mean(axis=0), half)
+    half = mean_half_width(means)
+    return Band(
+        generalisation.mode_counts.astype(float),
+        means.mean(axis=0),
+        np.zeros(means.shape[1]) if half is None else half,
+    )
 
 
 def _model_table(evaluations: Mapping[str, Evaluation]) -> Table:

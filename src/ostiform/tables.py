@@ -1,0 +1,27 @@
+"""The one writer of CSV tables."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from ostiform.atomic import atomically
+
+
+def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table; numbers that are not whole have six significant digits, None is left empty.
+
+    Raises
+    ------
+    ArtifactError
+        If the file cannot be written.
+    """
+    with atomically(path) as partial, partial.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
