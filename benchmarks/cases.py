@@ -22,8 +22,8 @@ from ostiform.arrays import FloatArray
 from ostiform.correspondence import (
     CorrespondenceSettings,
     ShapeSampler,
-    Yardstick,
-    build_yardstick,
+    SharedMetric,
+    build_shared_metric,
     sampler,
 )
 from ostiform.demo.demonstration import write_population
@@ -101,9 +101,9 @@ class Case:
     settings: CorrespondenceSettings
     costs: dict[str, float]
 
-    def yardstick(self) -> Yardstick:
+    def shared_metric(self) -> SharedMetric:
         """Return the template of the population and what all methods are measured with."""
-        return build_yardstick(self.samplers, self.ids, self.domain, self.poses, self.settings)
+        return build_shared_metric(self.samplers, self.ids, self.domain, self.poses, self.settings)
 
     def original(self, index: int) -> OriginalMesh:
         """Return the surface of a shape, all components in one mesh."""

@@ -163,10 +163,10 @@ def show_comparison(asked: argparse.Namespace, groups: Sequence[Sequence[CaseNam
             is_full = number < asked.full
             task = Task(asked.cache, name, "", poor=asked.poor, with_folds=is_full)
             case = prepared_case(task)
-            yardstick = case.yardstick()
-            size = len(case.ids), len(yardstick.template.points)
+            shared = case.shared_metric()
+            size = len(case.ids), len(shared.template.points)
             for placement in placed(task, asked.methods):
-                item = judged_once(asked.cache, case, yardstick, placement, is_full)
+                item = judged_once(asked.cache, case, shared, placement, is_full)
                 by_method.setdefault(item.method, []).append(item)
                 if item.method in ("optimal", CONJUGATE_GRADIENT):
                     histories.setdefault(item.method, placement.history)
@@ -252,19 +252,19 @@ def show_permuted(asked: argparse.Namespace, groups: Sequence[Sequence[CaseName]
     for name in (name for group in groups for name in group):
         task = Task(asked.cache, name, "ours")
         case = loaded(asked.cache, name)
-        yardstick = case.yardstick()
+        shared = case.shared_metric()
         other_task = replace(task, name=replace(name, permuted=True))
         other = loaded(asked.cache, other_task.name)
         found = {
             (id.subject.split(PREFIX_END, 1)[1], id.phase): i for i, id in enumerate(other.ids)
         }
         order = [found[id.subject, id.phase] for id in case.ids]
-        faces = other.yardstick().template.faces
+        faces = other.shared_metric().template.faces
         for first, second in zip(placements(task), placements(other_task), strict=True):
             originals = [case.original(index) for index in range(len(case.ids))]
             runs = first.points, second.points[order]
-            moved = moved_points(*runs, yardstick.weights, faces, originals)
-            error = judged_once(asked.cache, case, yardstick, first, False).verdict.error
+            moved = moved_points(*runs, shared.weights, faces, originals)
+            error = judged_once(asked.cache, case, shared, first, False).verdict.error
             print(
                 f"| {name.family}, seed {name.seed} | {first.method} | {moved:.1e} | {error:.3f} "
                 f"| {100 * moved / error:.2g} % |",
@@ -309,10 +309,10 @@ def show_ablation(asked: argparse.Namespace, groups: Sequence[Sequence[CaseName]
             for name in group:
                 task = Task(asked.cache, name, "ours", changes=changes, poor=asked.poor)
                 case = prepared_case(task)
-                yardstick = case.yardstick()
+                shared = case.shared_metric()
                 optimal = placements(task)[-1]
-                found.append(judged_once(asked.cache, case, yardstick, optimal, False).verdict)
-            size = len(case.ids), len(yardstick.template.points)
+                found.append(judged_once(asked.cache, case, shared, optimal, False).verdict)
+            size = len(case.ids), len(shared.template.points)
             print(row((name.family, *size, label), summary(found, "median")), flush=True)
 
 

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 from benchmarks.cases import Case
 from benchmarks.placements import Placement, folds_of
 from ostiform.arrays import FloatArray
-from ostiform.correspondence import Correspondence, Yardstick
+from ostiform.correspondence import Correspondence, SharedMetric
 from ostiform.correspondence.alignment import Alignment, align
-from ostiform.correspondence.description_length import description_length
 from ostiform.correspondence.sampling import pulled_back
+from ostiform.correspondence.terms.description_length import description_length
 from ostiform.demo.truth import material_coordinates, true_positions
 from ostiform.domain.procrustes import transformed
 from ostiform.evaluation import (
@@ -102,7 +102,7 @@ class Judged:
 
 
 def judged_once(
-    cache: Path, case: Case, yardstick: Yardstick, placement: Placement, is_full: bool
+    cache: Path, case: Case, shared: SharedMetric, placement: Placement, is_full: bool
 ) -> Judged:
     """Return the verdict on a placement, from the cache if these very points were judged before.
 
@@ -110,7 +110,7 @@ def judged_once(
     """
     asked = (case.name.folder, is_full, placement.method, [field.name for field in fields(Verdict)])
     digest = hashlib.sha256(repr(asked).encode())
-    arrays = [case.poses, yardstick.template.points, yardstick.weights, placement.points]
+    arrays = [case.poses, shared.template.points, shared.weights, placement.points]
     arrays += [] if placement.directions is None else [placement.directions]
     for fold, placed in placement.folds if is_full else ():
         digest.update(repr(fold).encode())
@@ -120,7 +120,7 @@ def judged_once(
     path = cache / "verdicts" / f"{digest.hexdigest()[:32]}.json"
     if not path.exists():
         path.parent.mkdir(exist_ok=True)
-        item = judged(case, yardstick, placement, is_full)
+        item = judged(case, shared, placement, is_full)
         path.write_text(json.dumps(asdict(item)))
     stored = json.loads(path.read_text())
     verdict = Verdict(**stored["verdict"])
@@ -131,24 +131,24 @@ def judged_once(
 
 
 def judged(
-    case: Case, yardstick: Yardstick, placement: Placement, with_folds: bool = True
+    case: Case, shared: SharedMetric, placement: Placement, with_folds: bool = True
 ) -> Judged:
     """Return the verdict on a placement of a case's template points.
 
     Parameters
     ----------
     case : Case
-    yardstick : Yardstick
+    shared : SharedMetric
         Of the case: gives template, weights, alignment and l_cut to all methods.
     placement : Placement
     with_folds : bool
         Whether to measure generalisation (where the placement has folds) and specificity.
     """
-    template, weights = yardstick.template, yardstick.weights
-    alignment = align(placement.points, weights, yardstick.alignment, yardstick.groups)
+    template, weights = shared.template, shared.weights
+    alignment = align(placement.points, weights, shared.alignment, shared.groups)
     directions = placement.directions
     if directions is None:
-        directions = _directions(case, yardstick, placement.points)
+        directions = _directions(case, shared, placement.points)
     correspondence = Correspondence(
         template=template,
         ids=case.ids,
@@ -164,12 +164,12 @@ def judged(
         lambda shape, part, material: true_positions(case.truth, shape, part, material),
     )
     own = divided_variance(alignment.aligned, weights, template.faces)
-    true = _true_spread(case, yardstick, placement.points)
+    true = _true_spread(case, shared, placement.points)
     residues = _residues(case, placement) if with_folds and placement.folds else ()
-    surface, nearest = _coverage(case, yardstick, placement.points)
-    rims = _rim_distances(case, yardstick, placement.points)
+    surface, nearest = _coverage(case, shared, placement.points)
+    rims = _rim_distances(case, shared, placement.points)
     verdict = Verdict(
-        length=description_length(alignment.aligned, weights, yardstick.l_cut),
+        length=description_length(alignment.aligned, weights, shared.l_cut),
         true_length=true.length,
         variance=own.total,
         true_variance=true.normal + true.tangential,
@@ -183,7 +183,7 @@ def judged(
         nearest=nearest[0],
         nearest_95=nearest[1],
         residue=float(np.mean(residues[1:])) if residues else np.nan,
-        specificity=_specificity(case, yardstick, alignment) if with_folds else np.nan,
+        specificity=_specificity(case, shared, alignment) if with_folds else np.nan,
         rim=float(rims.max()),
         rim_mean=float(rims.mean()),
         turned=float(sum(count_flipped(one, template.faces) for one in directions)),
@@ -212,9 +212,9 @@ def summary(verdicts: Sequence[Verdict], kind: str) -> Verdict:
     return Verdict(**found)
 
 
-def _directions(case: Case, yardstick: Yardstick, points: FloatArray) -> FloatArray:
+def _directions(case: Case, shared: SharedMetric, points: FloatArray) -> FloatArray:
     """Return where points on the surfaces lie on the spheres; rim points anywhere on theirs."""
-    sphere = yardstick.template.sphere
+    sphere = shared.template.sphere
     found = np.empty_like(points)
     for shape, (own, directions) in enumerate(zip(points, found, strict=True)):
         for index, part in enumerate(case.samplers[shape].components):
@@ -237,9 +237,9 @@ class _TrueSpread:
     posed_normal: float
 
 
-def _true_spread(case: Case, yardstick: Yardstick, points: FloatArray) -> _TrueSpread:
+def _true_spread(case: Case, shared: SharedMetric, points: FloatArray) -> _TrueSpread:
     """Return what the truth has at a method's points; a mean over the shapes it starts from."""
-    template, weights = yardstick.template, yardstick.weights
+    template, weights = shared.template, shared.weights
     found = []
     for index in np.unique(np.linspace(0, len(case.ids) - 1, REFERENCES).round().astype(int)):
         carried = np.empty_like(points)
@@ -250,23 +250,23 @@ def _true_spread(case: Case, yardstick: Yardstick, points: FloatArray) -> _TrueS
             )
             for target, shape in enumerate(case.ids):
                 carried[target, chosen] = true_positions(case.truth, shape, name, material)
-        fit = align(carried, weights, yardstick.alignment, yardstick.groups)
+        fit = align(carried, weights, shared.alignment, shared.groups)
         divided = divided_variance(fit.aligned, weights, template.faces)
         posed = divided_variance(transformed(points, fit.transforms), weights, template.faces)
-        length = description_length(fit.aligned, weights, yardstick.l_cut)
+        length = description_length(fit.aligned, weights, shared.l_cut)
         found.append((length, divided.normal, divided.tangential, posed.normal))
     return _TrueSpread(*np.mean(found, axis=0).tolist())
 
 
 def _coverage(
-    case: Case, yardstick: Yardstick, points: FloatArray
+    case: Case, shared: SharedMetric, points: FloatArray
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the largest and the 95 % distance of surface vertices to the sampling, over shapes."""
     surface, nearest, areas = [], [], []
     for index, own in enumerate(points):
         original = case.original(index)
         used = vertex_areas(original.vertices, original.faces)
-        tree = surface_tree(own, yardstick.template.faces)
+        tree = surface_tree(own, shared.template.faces)
         surface.append(closest_points(tree, original.vertices).distances)
         nearest.append(cKDTree(own).query(original.vertices)[0])
         areas.append(used / used.sum())
@@ -279,9 +279,9 @@ def _coverage(
     )
 
 
-def _rim_distances(case: Case, yardstick: Yardstick, points: FloatArray) -> FloatArray:
+def _rim_distances(case: Case, shared: SharedMetric, points: FloatArray) -> FloatArray:
     """Return the distance of every rim and seam point of every shape from its curve, mm."""
-    template = yardstick.template
+    template = shared.template
     found = []
     for shape, own in enumerate(points):
         for part in case.samplers[shape].components:
@@ -315,8 +315,8 @@ def _residues(case: Case, placement: Placement) -> tuple[float, ...]:
     return tuple(found.surface_mean.mean(axis=0).tolist())
 
 
-def _specificity(case: Case, yardstick: Yardstick, alignment: Alignment) -> float:
-    model = fit_model(alignment.aligned, yardstick.weights, mesh_of_template(yardstick.template))
+def _specificity(case: Case, shared: SharedMetric, alignment: Alignment) -> float:
+    model = fit_model(alignment.aligned, shared.weights, mesh_of_template(shared.template))
     originals = [case.original(index) for index in range(len(case.ids))]
     return surface_specificity(
         model,

@@ -12,7 +12,7 @@ from ostiform.model import mesh_of_template
 def peer_placement(task: Task) -> Placement:
     """Return what an alternative placed, from the cache if it is there."""
     case = prepared_case(task)
-    template = case.yardstick().template
+    template = case.shared_metric().template
     digest = hashlib.sha256(template.points.tobytes())
     for item in (task.method, task.with_folds, *(e.directions.tobytes() for own in
                  case.embeddings for e in own)):  # fmt: skip

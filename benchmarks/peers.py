@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.cases import Case
 from ostiform.arrays import FloatArray
-from ostiform.correspondence import Yardstick, sample
+from ostiform.correspondence import SharedMetric, sample
 from ostiform.correspondence.alignment import align, align_to
 from ostiform.domain import Template
 from ostiform.evaluation import OriginalMesh
@@ -34,13 +34,13 @@ CPD_TARGETS = 1500
 """Vertices of a surface that the template points drift to; of more, so many are drawn."""
 
 
-def medoid_shape(case: Case, yardstick: Yardstick, among: Iterable[int]) -> int:
+def medoid_shape(case: Case, shared: SharedMetric, among: Iterable[int]) -> int:
     """Return the shape nearest to the mean of some shapes in their conformal sampling."""
     chosen = list(among)
-    template = yardstick.template
+    template = shared.template
     points = np.stack([sample(case.samplers[i], template, template.points) for i in chosen])
-    aligned = align(points, yardstick.weights, "rigid", yardstick.groups[chosen]).aligned
-    squared = ((aligned - aligned.mean(axis=0)) ** 2).sum(axis=2) @ yardstick.weights
+    aligned = align(points, shared.weights, "rigid", shared.groups[chosen]).aligned
+    squared = ((aligned - aligned.mean(axis=0)) ** 2).sum(axis=2) @ shared.weights
     return chosen[int(squared.argmin())]
 
 

@@ -19,8 +19,8 @@ from ostiform.arrays import FloatArray
 from ostiform.correspondence import (
     KINDS,
     CorrespondenceSettings,
+    SharedMetric,
     SweepRecord,
-    Yardstick,
     correspond,
     place,
 )
@@ -126,7 +126,7 @@ def _placements(task: Task) -> tuple[Placement, ...]:
     if task.method == CONJUGATE_GRADIENT:
         settings = replace(settings, optimiser="conjugate-gradient")
     few = case.selected(range(min(3, len(case.ids))))
-    correspond(few.samplers, few.ids, few.yardstick(), replace(settings, sweeps=1))  # compile
+    correspond(few.samplers, few.ids, few.shared_metric(), replace(settings, sweeps=1))  # compile
     return _ours(task, case, settings)
 
 
@@ -147,8 +147,8 @@ def _ours(task: Task, case: Case, settings: CorrespondenceSettings) -> tuple[Pla
         first.append(record)
 
     first: list[SweepRecord] = []
-    yardstick = replace(case, settings=settings).yardstick()
-    trained = correspond(case.samplers, case.ids, yardstick, settings, watch)
+    shared = replace(case, settings=settings).shared_metric()
+    trained = correspond(case.samplers, case.ids, shared, settings, watch)
     costs["conformal"] = tuple(
         max(value - cut, 0.0)
         for value, cut in zip(
@@ -184,14 +184,10 @@ def _our_folds(
     found: dict[str, list[tuple[Fold, PlacedFold]]] = {}
     for fold in folds_of(case).folds:
         training = case.selected(fold.train)
-        trained = correspond(training.samplers, training.ids, training.yardstick(), settings)
+        trained = correspond(training.samplers, training.ids, training.shared_metric(), settings)
         for kind, model in trained.items():
-            points: dict[int, FloatArray] = {}
-            transforms: dict[int, FloatArray] = {}
-            for group in _subjects(case, fold.test, settings.per == "subject"):
-                placed = place([case.samplers[i] for i in group], model)
-                points.update(zip(group, placed.points, strict=True))
-                transforms.update(zip(group, placed.transforms, strict=True))
+            left_out = [case.samplers[index] for index in fold.test]
+            placed = place(left_out, [case.ids[index] for index in fold.test], model.frozen)
             found.setdefault(kind, []).append(
                 (
                     fold,
@@ -199,8 +195,8 @@ def _our_folds(
                         model.correspondence.aligned,
                         model.correspondence.weights,
                         mesh_of_template(model.correspondence.template),
-                        np.stack([points[i] for i in fold.test]),
-                        np.stack([transforms[i] for i in fold.test]),
+                        placed.points,
+                        placed.transforms,
                     ),
                 )
             )
@@ -216,33 +212,37 @@ def _subjects(case: Case, test: Sequence[int], jointly: bool) -> list[list[int]]
 
 
 def _peer(task: Task, case: Case) -> Placement:
-    yardstick = case.yardstick()
-    registered(task.method, case.selected([0, 1]), yardstick.template, 0)  # compile, load
+    shared = case.shared_metric()
+    registered(task.method, case.selected([0, 1]), shared.template, 0)  # compile, load
     processor, wall = time.process_time(), time.monotonic()
-    start = medoid_shape(case, yardstick, range(len(case.ids)))
-    points = registered(task.method, case, yardstick.template, start)
+    start = medoid_shape(case, shared, range(len(case.ids)))
+    points = registered(task.method, case, shared.template, start)
     costs = time.process_time() - processor, time.monotonic() - wall, peak_memory_mb()
     folds = []
     known = {start: points}
     for fold in folds_of(case).folds if task.with_folds else ():
-        source = medoid_shape(case, yardstick, fold.train)
+        source = medoid_shape(case, shared, fold.train)
         if source not in known:
-            known[source] = registered(task.method, case, yardstick.template, source)
-        folds.append((fold, _peer_fold(case, fold, known[source], yardstick)))
+            known[source] = registered(task.method, case, shared.template, source)
+        folds.append((fold, _peer_fold(case, fold, known[source], shared)))
     return Placement(task.method, points, None, *costs, folds=tuple(folds))
 
 
-def _peer_fold(case: Case, fold: Fold, points: FloatArray, yardstick: Yardstick) -> PlacedFold:
+def _peer_fold(case: Case, fold: Fold, points: FloatArray, shared: SharedMetric) -> PlacedFold:
     """Return a fold of a method that registers every shape alone to one of the training set."""
     train, test = list(fold.train), list(fold.test)
     labels = list(dict.fromkeys(case.ids[i].subject for i in train))
     groups = np.array([labels.index(case.ids[i].subject) for i in train])
-    aligned = align(points[train], yardstick.weights, "rigid", groups).aligned
+    aligned = align(points[train], shared.weights, "rigid", groups).aligned
     mean = aligned.mean(axis=0)
     transforms = np.empty((len(test), 4, 4))
     for group in _subjects(case, test, True):
         rows = [test.index(i) for i in group]
-        transforms[rows] = align_to(points[group], mean, yardstick.weights, "rigid")
+        transforms[rows] = align_to(points[group], mean, shared.weights, "rigid")
     return PlacedFold(
-        aligned, yardstick.weights, mesh_of_template(yardstick.template), points[test], transforms
+        aligned,
+        shared.weights,
+        mesh_of_template(shared.template),
+        points[test],
+        transforms,
     )

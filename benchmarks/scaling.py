@@ -28,8 +28,8 @@ import psutil
 
 from benchmarks.populations import EDGES_MM, family
 from ostiform.correspondence import Correspondence
-from ostiform.correspondence.description_length import length_of_spectrum, spectrum
 from ostiform.correspondence.streaming import streamed_length, streamed_spectrum
+from ostiform.correspondence.terms.description_length import length_of_spectrum, spectrum
 from ostiform.demo.demonstration import write_population
 from ostiform.model import read_correspondence
 

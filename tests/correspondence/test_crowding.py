@@ -8,9 +8,14 @@ from ostiform.correspondence.control_points import (
     boundary_control_points,
     no_control_points,
 )
-from ostiform.correspondence.crowding import crowding_residuals, crowding_value
-from ostiform.correspondence.warps import circle_table, flow
+from ostiform.correspondence.fields import circle_table, flow
+from ostiform.correspondence.state import WarpState
+from ostiform.correspondence.terms.crowding import Crowding, crowding_residuals
 from tests.oracles.warped_shapes import triangulated, two_part_domain
+
+
+def crowding_value(template, directions):
+    return Crowding(template).value(WarpState(directions, directions), np.eye(4))
 
 
 @pytest.fixture(scope="module")

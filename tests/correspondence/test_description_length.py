@@ -1,15 +1,14 @@
 import numpy as np
 import pytest
 
-from ostiform.correspondence.description_length import (
+from ostiform.correspondence.terms.description_length import (
     cut_off_eigenvalue,
     description_length,
     description_length_gradient,
-    form_product,
-    form_value,
     majoriser,
     spectrum,
 )
+from ostiform.correspondence.terms.quadratic_form import form_product, form_value
 from ostiform.errors import InputError
 
 L_CUT = 0.02

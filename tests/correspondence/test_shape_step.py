@@ -7,8 +7,8 @@ import pytest
 
 from ostiform.arrays import FloatArray
 from ostiform.correspondence import CorrespondenceSettings, correspond
-from ostiform.correspondence.build import yardstick_of_template
-from ostiform.correspondence.coherence import coherence_about, coherence_value
+from ostiform.correspondence.build import shared_metric_of_template
+from ostiform.correspondence.checkpoint import Callbacks, LevelStatus, Population
 from ostiform.correspondence.conjugate_gradient import conjugate_gradient_sweep
 from ostiform.correspondence.control_points import (
     basis_of,
@@ -16,42 +16,37 @@ from ostiform.correspondence.control_points import (
     insert_interior,
     no_control_points,
 )
-from ostiform.correspondence.description_length import (
-    cut_off_eigenvalue,
-    description_length,
-    euclidean_form,
-    majoriser,
-    spectrum,
-)
+from ostiform.correspondence.fields import circle_table, flow, global_fields, orientation_share
 from ostiform.correspondence.hierarchy import annealed_cut_offs
-from ostiform.correspondence.metric import metric_term, with_reference
-from ostiform.correspondence.penalty import (
-    displacement_penalty,
-    penalty_force,
-    penalty_value,
-)
+from ostiform.correspondence.level import WarpLevel, warp_level
+from ostiform.correspondence.objective import population_values, shape_terms, value
 from ostiform.correspondence.shape_step import (
-    ShapeGoal,
-    WarpLevel,
     advance,
     gradient,
-    objective,
     propose,
     start,
-    warp_level,
 )
+from ostiform.correspondence.state import WarpState
 from ostiform.correspondence.sweeps import (
-    Journal,
-    LevelStatus,
-    Population,
     SweepObjective,
     area_shares,
     current_metric,
     joint_sweep,
-    mean_penalty,
     run_sweeps,
 )
-from ostiform.correspondence.warps import circle_table, flow, orientation_share
+from ostiform.correspondence.terms.coherence import coherence_about, coherence_value
+from ostiform.correspondence.terms.description_length import (
+    cut_off_eigenvalue,
+    description_length,
+    majoriser,
+    spectrum,
+)
+from ostiform.correspondence.terms.displacement import (
+    displacement_penalty,
+)
+from ostiform.correspondence.terms.distance import euclidean_form
+from ostiform.correspondence.terms.metric import metric_term, with_reference
+from ostiform.correspondence.warp import Warps
 from ostiform.domain import Template
 from tests.oracles.warped_shapes import (
     WarpedFamily,
@@ -78,8 +73,13 @@ class Bench:
     l_cut: float
 
     @property
-    def form(self):
-        return majoriser(spectrum(self.population.aligned, self.weights), self.weights, self.l_cut)
+    def forms(self):
+        found = spectrum(self.population.aligned, self.weights)
+        return {"length": majoriser(found, self.weights, self.l_cut)}
+
+    @property
+    def terms(self):
+        return shape_terms(self.forms, self.level, self.level.metric, None)
 
 
 def bench(domain, *, metric=100.0, stretch=100.0, n_vertices=2500, count=5) -> Bench:
@@ -92,10 +92,8 @@ def bench(domain, *, metric=100.0, stretch=100.0, n_vertices=2500, count=5) -> B
     weights = np.full(len(template.points), 1.0 / len(template.points))
     interior = insert_interior(no_control_points(), template, 25.0 * template.points, 2)
     basis = basis_of(interior, boundary_control_points(circles, 2), circles, 1)
-    index = np.arange(len(template.points))
-    penalty = displacement_penalty(template, weights, stretch, stretch)
     term = metric_term(template, 25.0 * template.points, metric)
-    level = warp_level(template, template, index, basis, penalty, term)
+    level = warp_level(template, len(weights), weights, basis, (stretch, stretch), term)
     states = tuple(start(shape, level, template.points) for shape in family.samplers)
     population = Population(states, identity)
     level = replace(level, metric=with_reference(term, population.landmarks))
@@ -124,58 +122,56 @@ def test_the_gradient_has_a_taylor_remainder_of_second_order(fine, rng, kind):
         "boundary": control >= n_interior,
     }[kind]
     direction = rng.normal(size=len(level.basis)) * chosen
-    goal = ShapeGoal(fine.form, level.metric)
-    before = objective(state, level, goal, np.eye(4))
-    slope = gradient(fine.family.samplers[0], state, level, goal, np.eye(4)) @ direction
+    terms = fine.terms
+    before = value(terms, state, np.eye(4))
+    slope = gradient(fine.family.samplers[0], state, level, terms, np.eye(4)) @ direction
     steps = np.array([0.02, 0.01, 0.005])
     remainders = []
     for step in steps:
         moved = flow(level.basis, level.template, state.directions, step * direction)
-        after = objective(start(fine.family.samplers[0], level, moved), level, goal, np.eye(4))
+        after = value(terms, start(fine.family.samplers[0], level, moved), np.eye(4))
         remainders.append(abs(after - before - step * slope))
     order = np.polyfit(np.log(steps), np.log(remainders), 1)[0]
     assert order > LEAST_SLOPE
 
 
-def test_the_penalty_does_not_depend_on_how_finely_the_template_is_drawn():
-    values = []
+def test_the_displacement_penalty_does_not_depend_on_how_finely_the_template_is_drawn():
+    found = []
     for count in (400, 1600):
         template = triangulated(one_part_domain(), count)
-        weights = np.full(len(template.points), 1.0 / len(template.points))
-        penalty = displacement_penalty(template, weights, 100.0, 10.0)
+        index = np.arange(len(template.points))
+        weights = np.full(len(index), 1.0 / len(index))
+        basis = global_fields(np.zeros((0, 8)), 0)
+        penalty = displacement_penalty(template, index, weights, (100.0, 10.0), basis)
         bent = template.points + 0.05 * np.sin(3.0 * template.points[:, [1, 2, 0]])
-        values.append(penalty_value(penalty, bent))
-        np.testing.assert_allclose(
-            penalty_value(penalty, bent),
-            np.sum((bent - template.points) * penalty_force(penalty, bent)),
-        )
+        found.append(penalty.value(WarpState(bent, bent), np.eye(4)))
     # Points on the rims weigh more on the coarse template: the boundary share scales with h.
-    np.testing.assert_allclose(values[0], values[1], rtol=0.1)
+    np.testing.assert_allclose(found[0], found[1], rtol=0.1)
 
 
 def test_an_accepted_step_lowers_the_shapes_own_objective(population):
-    goal = ShapeGoal(population.form, population.level.metric)
+    terms = population.terms
     accepted = 0
     for sampler, state in zip(
         population.family.samplers, population.population.states, strict=True
     ):
-        step = propose(sampler, state, population.level, goal, np.eye(4)).coefficients
-        after, part = advance(sampler, state, population.level, goal, np.eye(4), step)
-        before = objective(state, population.level, goal, np.eye(4))
-        if part > 0.0:
+        wanted = propose(sampler, state, population.level, terms, np.eye(4)).coefficients
+        after, step = advance(sampler, state, population.level, terms, np.eye(4), wanted)
+        before = value(terms, state, np.eye(4))
+        if step.coefficients.any():
             accepted += 1
-            assert objective(after, population.level, goal, np.eye(4)) < before
+            assert value(terms, after, np.eye(4)) < before
         assert orientation_share(population.template, after.directions) > 0.0
     assert accepted > 0
 
 
 def test_an_ascent_step_is_refused_and_only_tightens_the_damping(population):
-    goal = ShapeGoal(population.form, population.level.metric)
+    terms = population.terms
     sampler, state = population.family.samplers[0], population.population.states[0]
-    uphill = gradient(sampler, state, population.level, goal, np.eye(4))
+    uphill = gradient(sampler, state, population.level, terms, np.eye(4))
     uphill *= 0.05 / np.linalg.norm(uphill)
-    after, part = advance(sampler, state, population.level, goal, np.eye(4), uphill)
-    assert part == 0.0
+    after, step = advance(sampler, state, population.level, terms, np.eye(4), uphill)
+    assert not step.coefficients.any()
     assert after.damping > state.damping
     np.testing.assert_array_equal(after.directions, state.directions)
 
@@ -184,46 +180,64 @@ def test_a_violent_step_is_shortened_before_it_turns_a_triangle(population, rng)
     level, state = population.level, population.population.states[0]
     # An objective that any motion lowers: the target lies far away in every direction.
     far = euclidean_form(1e3 * population.template.points, population.weights, 1e-6)
-    goal = ShapeGoal(far, replace(level.metric, strength=0.0))
-    step = 30.0 * rng.normal(size=len(level.basis))
-    after, part = advance(population.family.samplers[0], state, level, goal, np.eye(4), step)
-    assert part < 1.0
+    terms = shape_terms({"distance": far}, level, replace(level.metric, strength=0.0), None)
+    wanted = 30.0 * rng.normal(size=len(level.basis))
+    after, step = advance(population.family.samplers[0], state, level, terms, np.eye(4), wanted)
+    part = step.coefficients / wanted
+    np.testing.assert_allclose(part, part[0])
+    assert 0.0 <= part[0] < 1.0
     assert orientation_share(population.template, after.directions) >= 0.1
+
+
+def sum_of_terms(bench, current, forms_value):
+    """The objective of a population: what it charges the aligned points for, and the others."""
+    metric = current_metric(current, bench.level)
+    terms = [shape_terms({}, bench.level, metric, None)] * len(current.states)
+    others = population_values(terms, current.states, current.transforms)
+    return forms_value + sum(others.values())
 
 
 def test_description_length_and_penalty_never_rise_at_frozen_weights(population):
     current = population.population
-    values = []
+    found = []
     for _ in range(6):
-        form = majoriser(
-            spectrum(current.aligned, population.weights), population.weights, population.l_cut
-        )
-        values.append(
-            description_length(current.aligned, population.weights, population.l_cut)
-            + mean_penalty(current, population.level)
-        )
+        length = description_length(current.aligned, population.weights, population.l_cut)
+        found.append(sum_of_terms(population, current, length))
+        now = replace(population, population=current)
         current, _ = joint_sweep(
             population.family.samplers,
             current,
             population.level,
-            (form,) * len(current.states),
+            (now.forms,) * len(current.states),
             current_metric(current, population.level),
         )
-    assert (np.diff(values) <= 1e-9 * values[0]).all()
-    assert values[-1] < 0.98 * values[0]
+    assert (np.diff(found) <= 1e-9 * found[0]).all()
+    assert found[-1] < 0.98 * found[0]
 
 
-def test_a_sweep_leaves_no_velocity_common_to_all_shapes(population):
-    form = population.form
-    _, outcome = joint_sweep(
+def swept_once(population):
+    return joint_sweep(
         population.family.samplers,
         population.population,
         population.level,
-        (form,) * len(population.population.states),
+        (population.forms,) * len(population.population.states),
         current_metric(population.population, population.level),
     )
+
+
+def test_a_sweep_leaves_no_velocity_common_to_all_shapes(population):
+    _, outcome = swept_once(population)
     assert outcome.accepted == len(population.population.states)
     assert outcome.drift < 1e-10
+
+
+def test_the_steps_of_a_sweep_lead_where_it_led(population):
+    moved, outcome = swept_once(population)
+    warps = Warps(population.family.ids, (population.level.basis,), (outcome.steps,))
+    template = population.template
+    for index, state in enumerate(moved.states):
+        carried = warps.at(index)(template.points, template.sphere)
+        np.testing.assert_array_equal(carried, state.directions)
 
 
 @pytest.mark.parametrize("strength", [0.0, 2e5])
@@ -241,45 +255,38 @@ def test_conjugate_gradients_lower_the_objective_and_follow_their_seed(populatio
             np.random.default_rng(seed),
         )[0]
 
-    def value(current):
+    def reached(current):
         length = description_length(current.aligned, population.weights, population.l_cut)
         rough = coherence_value(coherence, current.aligned)
-        return length + rough + mean_penalty(current, population.level)
+        return sum_of_terms(population, current, length + rough)
 
     first, again = swept(1), swept(1)
-    assert value(first) < value(population.population)
+    assert reached(first) < reached(population.population)
     np.testing.assert_array_equal(first.landmarks, again.landmarks)
 
 
 def test_every_status_is_reached(population):
     def run(take, tolerance, sweeps):
-        chosen = SweepObjective(lambda aligned: 1.0, take, lambda current: current)
+        chosen = SweepObjective(lambda current: {"length": 1.0}, take, lambda current: current)
         return run_sweeps(
             population.population,
-            population.level,
+            len(population.level.basis),
             chosen,
             ("optimal", 2),
             (sweeps, tolerance),
-            Journal(),
+            Callbacks(),
         )
 
-    form = population.form
-    real = joint_sweep(
-        population.family.samplers,
-        population.population,
-        population.level,
-        (form,) * len(population.population.states),
-        current_metric(population.population, population.level),
-    )
+    real = swept_once(population)
 
     def still(accepted, expected):
         outcome = replace(real[1], accepted=accepted, expected=expected)
-        return lambda current, level: (current, outcome)
+        return lambda current: (current, outcome)
 
-    assert run(still(3, 0.0), 1e-3, 3)[2] is LevelStatus.CONVERGED
-    assert run(still(0, 1e9), 1e-3, 3)[2] is LevelStatus.STALLED
-    assert run(still(3, 1e9), 1e-3, 3)[2] is LevelStatus.SWEEP_LIMIT
-    assert len(run(still(3, 1e9), 1e-3, 3)[1]) == 4
+    assert run(still(3, 0.0), 1e-3, 3).status is LevelStatus.CONVERGED
+    assert run(still(0, 1e9), 1e-3, 3).status is LevelStatus.STALLED
+    assert run(still(3, 1e9), 1e-3, 3).status is LevelStatus.SWEEP_LIMIT
+    assert len(run(still(3, 1e9), 1e-3, 3).records) == 4
 
 
 def test_cut_offs_fall_geometrically_to_the_noise():
@@ -302,8 +309,8 @@ def test_progress_hears_of_every_sweep():
     family = warped_family(domain, 3, np.random.default_rng(2), n_vertices=400)
     template = triangulated(domain, 150)
     settings = CorrespondenceSettings(levels=2, n_points=150, n_optimised=100, sweeps=2)
-    yardstick = yardstick_of_template(family.samplers, family.ids, domain, template, settings)
+    shared = shared_metric_of_template(family.samplers, family.ids, domain, template, settings)
     heard = []
-    trained = correspond(family.samplers, family.ids, yardstick, settings, heard.append)
+    trained = correspond(family.samplers, family.ids, shared, settings, heard.append)
     swept = [record for record in trained["optimal"].history if record.sweep > 0]
     assert heard == swept

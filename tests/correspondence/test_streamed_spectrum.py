@@ -5,12 +5,12 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from ostiform.correspondence.description_length import (
+from ostiform.correspondence.streaming import streamed_length, streamed_spectrum
+from ostiform.correspondence.terms.description_length import (
     cut_off_eigenvalue,
     description_length,
     spectrum,
 )
-from ostiform.correspondence.streaming import streamed_length, streamed_spectrum
 from ostiform.errors import ConvergenceError, InputError
 
 COUNT, POINTS, MODES, NOISE_MM = 300, 220, 40, 0.3

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ostiform.correspondence import CorrespondenceSettings, correspond, place
-from ostiform.correspondence.build import yardstick_of_template
+from ostiform.correspondence.build import shared_metric_of_template
+from ostiform.correspondence.fields import circle_table
 from ostiform.correspondence.sampling import ShapeSampler
-from ostiform.correspondence.warps import circle_table
 from ostiform.domain import BaseDomain, Sphere, Template
 from ostiform.errors import InputError
 from ostiform.surface import exact_orientations
@@ -22,10 +22,10 @@ def closed_domain(name="A"):
 
 
 def trained_on(family, template, settings=SETTINGS):
-    yardstick = yardstick_of_template(
+    shared = shared_metric_of_template(
         family.samplers, family.ids, family.domain, template, settings
     )
-    return correspond(family.samplers, family.ids, yardstick, settings)
+    return correspond(family.samplers, family.ids, shared, settings)
 
 
 def test_closed_shapes_have_no_boundary_control_points(rng):
@@ -68,11 +68,11 @@ def test_two_components_are_warped_on_their_own_spheres(rng):
         for a, b in zip(families[0].samplers, families[1].samplers, strict=True)
     )
     ids = families[0].ids
-    yardstick = yardstick_of_template(samplers, ids, domain, template, SETTINGS)
-    optimal = correspond(samplers, ids, yardstick, SETTINGS)["optimal"]
+    shared = shared_metric_of_template(samplers, ids, domain, template, SETTINGS)
+    optimal = correspond(samplers, ids, shared, SETTINGS)["optimal"]
     np.testing.assert_array_equal(np.bincount(optimal.interior.sphere), [20, 20])
     np.testing.assert_allclose(np.linalg.norm(optimal.correspondence.directions, axis=2), 1.0)
-    placed = place(samplers[:2], optimal)
+    placed = place(samplers[:2], ids[:2], optimal.frozen)
     assert placed.points.shape == (2, len(template.points), 3)
 
 
@@ -123,4 +123,4 @@ def test_placing_nothing_is_refused(rng):
     family = warped_family(domain, 2, rng, n_vertices=400, warp=0.05, twist=0.02)
     trained = trained_on(family, triangulated(domain, 150))
     with pytest.raises(InputError, match="at least one shape"):
-        place([], trained["optimal"])
+        place([], [], trained["optimal"].frozen)

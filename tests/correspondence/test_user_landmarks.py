@@ -7,16 +7,16 @@ import pytest
 from test_shape_step import LEAST_SLOPE, bench
 
 from ostiform.correspondence import CorrespondenceSettings, SurfaceMarks, correspond, place
-from ostiform.correspondence.build import yardstick_of_template
-from ostiform.correspondence.landmarks import (
+from ostiform.correspondence.build import shared_metric_of_template
+from ostiform.correspondence.fields import flow
+from ostiform.correspondence.objective import shape_terms, value
+from ostiform.correspondence.shape_step import gradient, start
+from ostiform.correspondence.state import WarpState
+from ostiform.correspondence.terms.landmarks import (
     LandmarkTerm,
-    landmark_force,
     landmark_term,
-    landmark_value,
     template_marks,
 )
-from ostiform.correspondence.shape_step import ShapeGoal, gradient, objective, start
-from ostiform.correspondence.warps import flow
 from ostiform.errors import InputError
 from tests.oracles.warped_shapes import one_part_domain, triangulated, warped_family
 
@@ -38,23 +38,23 @@ def test_the_gradient_of_the_term_has_a_taylor_remainder_of_second_order(rng):
     samplers = marked(fine.family, 0.5)
     marks = template_marks(samplers, fine.level.coarse)
     state, sampler = fine.population.states[0], samplers[0]
-    goal = ShapeGoal(fine.form, fine.level.metric, landmark_term(marks, sampler.marks))
-    without = ShapeGoal(fine.form, fine.level.metric)
+    level = replace(fine.level, marks=marks)
+    terms = shape_terms(fine.forms, level, level.metric, sampler.marks)
+    without = shape_terms(fine.forms, level, level.metric, None)
     direction = rng.normal(size=len(fine.level.basis))
-    arguments = (fine.level, goal, np.eye(4))
-    slope = gradient(sampler, state, *arguments) @ direction
-    bare = gradient(sampler, state, fine.level, without, np.eye(4)) @ direction
+    slope = gradient(sampler, state, level, terms, np.eye(4)) @ direction
+    bare = gradient(sampler, state, level, without, np.eye(4)) @ direction
     assert abs(slope - bare) > 0.1 * abs(bare)
     steps, remainders = np.array([0.02, 0.01, 0.005]), []
-    before = objective(state, *arguments)
+    before = value(terms, state, np.eye(4))
     for step in steps:
         moved = flow(fine.level.basis, fine.level.template, state.directions, step * direction)
-        after = objective(start(sampler, fine.level, moved), *arguments)
+        after = value(terms, start(sampler, fine.level, moved), np.eye(4))
         remainders.append(abs(after - before - step * slope))
     assert np.polyfit(np.log(steps), np.log(remainders), 1)[0] > LEAST_SLOPE
 
 
-def test_the_term_is_its_formula_and_its_force_half_its_derivative(rng):
+def test_the_term_is_its_formula(rng):
     term = LandmarkTerm(
         np.array([[0, 1, 2], [2, 3, 1]]),
         np.array([[0.2, 0.3, 0.5], [0.6, 0.1, 0.3]]),
@@ -67,15 +67,8 @@ def test_the_term_is_its_formula_and_its_force_half_its_derivative(rng):
         term.corners, term.barycentric, term.positions, term.precisions, strict=True
     ):
         expected += precision * np.sum((shares @ points[corners] - position) ** 2)
-    np.testing.assert_allclose(landmark_value(term, points), expected)
-    numeric = np.zeros_like(points)
-    for index in np.ndindex(points.shape):
-        step = np.zeros_like(points)
-        step[index] = 1e-6
-        rise = landmark_value(term, points + step) - landmark_value(term, points - step)
-        numeric[index] = rise / 4e-6
-    np.testing.assert_allclose(landmark_force(term, points), numeric, atol=1e-7)
-    assert landmark_value(None, points) == 0.0
+    state = WarpState(points, points)
+    np.testing.assert_allclose(term.value(state, np.eye(4)), expected)
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +81,8 @@ def correspondence_of(family, samplers):
         levels=3, n_points=250, n_optimised=250, noise_mm=0.3, sweeps=8, per="shape"
     )
     template = triangulated(family.domain, 250)
-    yardstick = yardstick_of_template(samplers, family.ids, family.domain, template, settings)
-    return correspond(samplers, family.ids, yardstick, settings)
+    shared = shared_metric_of_template(samplers, family.ids, family.domain, template, settings)
+    return correspond(samplers, family.ids, shared, settings)
 
 
 def misses(samplers, trained, marks):
@@ -112,7 +105,7 @@ def outcomes(family):
 
 def test_landmarks_draw_the_points_as_strongly_as_they_are_certain(family, outcomes):
     samplers = marked(family, 0.5)
-    marks = template_marks(samplers, outcomes[1]["optimal"].levels[0].coarse)
+    marks = outcomes[1]["optimal"].frozen.marks
     plain, sharp, blunt = (misses(samplers, one["optimal"], marks).mean() for one in outcomes)
     assert sharp < 0.6 * plain
     np.testing.assert_allclose(blunt, plain, rtol=0.05)
@@ -138,10 +131,10 @@ def test_the_conformal_model_is_not_touched(outcomes):
 
 def test_a_shape_placed_later_follows_its_own_landmarks(family, outcomes):
     trained = outcomes[1]["optimal"]
-    term = landmark_term(trained.levels[0].marks, marked(family, 0.3)[2].marks)
+    term = landmark_term(trained.frozen.marks, marked(family, 0.3)[2].marks)
 
     def miss(sampler):
-        points = place([sampler], trained).points[0]
+        points = place([sampler], family.ids[:1], trained.frozen).points[0]
         placed = np.einsum("lk,lkd->ld", term.barycentric, points[term.corners])
         return np.linalg.norm(placed - term.positions, axis=1).mean()
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ostiform.correspondence.warps import (
+from ostiform.correspondence.fields import (
     active,
     bump_fields,
     circle_table,

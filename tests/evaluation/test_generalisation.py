@@ -247,7 +247,7 @@ def test_a_model_compared_with_itself_gains_nothing(evaluations):
     assert found.coverage_ratio == found.residues.worst_ratio == 1.0
 
 
-def test_models_of_other_yardsticks_are_not_compared(evaluations):
+def test_models_of_other_shared_metrics_are_not_compared(evaluations):
     model = evaluations["optimal"]
     with pytest.raises(InputError, match="same l_cut"):
         compare(model, replace(evaluations["conformal"], l_cut=1.0))

@@ -17,7 +17,7 @@ import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from ostiform.correspondence import CorrespondenceSettings, correspond
-from ostiform.correspondence.build import yardstick_of_template
+from ostiform.correspondence.build import shared_metric_of_template
 from ostiform.demo.demonstration import demonstration_truth
 from ostiform.demo.truth import read_truth, write_truth
 from ostiform.domain import domain_from_json, domain_to_json
@@ -35,11 +35,11 @@ from ostiform.model import (
     write_model,
 )
 from ostiform.pipeline.arrays_file import (
+    read_checkpoint,
     read_embeddings,
-    read_level_state,
     read_shape,
+    write_checkpoint,
     write_embeddings,
-    write_level_state,
     write_shape,
 )
 from ostiform.pipeline.store import Store
@@ -267,9 +267,9 @@ def _artifacts(folder: Path) -> list[Target]:
     family = warped_family(domain, 3, np.random.default_rng(3), n_vertices=300)
     template = with_level(triangulated(domain, 120), domain, 60)
     settings = CorrespondenceSettings(levels=2, n_points=120, n_optimised=50, sweeps=1)
-    yardstick = yardstick_of_template(family.samplers, family.ids, domain, template, settings)
+    shared = shared_metric_of_template(family.samplers, family.ids, domain, template, settings)
     states = []
-    trained = correspond(family.samplers, family.ids, yardstick, settings, keep=states.append)
+    trained = correspond(family.samplers, family.ids, shared, settings, save=states.append)
     built = trained["optimal"].correspondence
     correspondence = folder / "correspondence.h5"
     write_correspondence(correspondence, built)
@@ -283,7 +283,7 @@ def _artifacts(folder: Path) -> list[Target]:
     with h5py.File(published, "r+") as file:
         del file["ostiform"]
     state = folder / "state.npz"
-    write_level_state(state, states[-1])
+    write_checkpoint(state, states[-1])
     embeddings = folder / "embeddings.npz"
     mesh = triangulated(domain, 100)
     write_embeddings(embeddings, [embedded(domain, mesh, 10.0 * mesh.points, mesh.points)])
@@ -295,7 +295,7 @@ def _artifacts(folder: Path) -> list[Target]:
         _target("correspondence.h5", [correspondence], read_correspondence),
         _target("model.h5", [with_template, without, published], read_model),
         _target("statismo.h5", [published, with_template], read_statismo),
-        _target("level state npz", [state], read_level_state),
+        _target("checkpoint npz", [state], read_checkpoint),
         _target("embeddings npz", [embeddings], read_embeddings),
         _target("shape npz", [shape], read_shape),
         *_json_artifacts(folder, domain),

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.correspondence.sampling import ShapeSampler, sampler
-from ostiform.correspondence.warps import (
+from ostiform.correspondence.fields import (
     FieldBasis,
     bump_fields,
     circle_table,
@@ -21,6 +20,7 @@ from ostiform.correspondence.warps import (
     join_fields,
     twist_fields,
 )
+from ostiform.correspondence.sampling import ShapeSampler, sampler
 from ostiform.domain import BaseDomain, Circle, Sphere, Template, TemplateLevel
 from ostiform.embedding import Certificate, Distortion, Embedding
 from ostiform.study import ShapeId

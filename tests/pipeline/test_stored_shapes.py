@@ -13,7 +13,7 @@ from ostiform.correspondence import (
     correspond,
     sample_with_derivative,
 )
-from ostiform.correspondence.build import yardstick_of_template
+from ostiform.correspondence.build import shared_metric_of_template
 from ostiform.correspondence.shapes import ShapesInMemory
 from ostiform.errors import ArtifactError
 from ostiform.execution import Workers
@@ -125,13 +125,13 @@ def test_a_killed_worker_costs_its_own_chunk_only(family, stored, tmp_path):
 def test_the_correspondence_does_not_depend_on_where_the_shapes_are(family, stored):
     template = with_level(triangulated(family.domain, 200), family.domain, 90)
     settings = CorrespondenceSettings(levels=3, n_points=200, n_optimised=80, sweeps=2, per="shape")
-    yardstick = yardstick_of_template(
+    shared = shared_metric_of_template(
         family.samplers, family.ids, family.domain, template, settings
     )
-    expected = correspond(family.samplers, family.ids, yardstick, settings)
+    expected = correspond(family.samplers, family.ids, shared, settings)
     with Workers(2) as workers:
         shapes = StoredShapes(stored, family.domain, workers)
-        again = yardstick_of_template(shapes, family.ids, family.domain, template, settings)
+        again = shared_metric_of_template(shapes, family.ids, family.domain, template, settings)
         found = correspond(shapes, family.ids, again, settings)
     for kind, model in expected.items():
         for name in ("points", "aligned", "directions"):

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from ostiform.correspondence import KINDS, Correspondence, Kind
+from ostiform.correspondence import KINDS, Correspondence, Kind, Warp
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import Evaluation, read_evaluation
-from ostiform.model import ShapeModel, StoredModel, read_correspondence, read_model
+from ostiform.model import ShapeModel, StoredModel, read_correspondence, read_model, read_warp
 from ostiform.pipeline import Event, Stage, Summary, Tell, build_study
-from ostiform.study import Study
+from ostiform.study import ShapeId, Study
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +89,25 @@ class Results:
     def evaluated(self, kind: Kind = "optimal") -> Evaluation:
         """Read the evidence about one of the three models; parameters and errors as `stored`."""
         return read_evaluation(self._path(kind, "evaluation.json"))
+
+    def warp(self, shape: ShapeId | str) -> Warp:
+        """Read the warp of a shape in the optimal model: where points of the domain go on it.
+
+        ``results.warp("anna/0")(directions, sphere)`` carries any directions (n, 3), unit vectors,
+        of a component sphere; those of the template come to the directions of the
+        correspondence.
+
+        Parameters
+        ----------
+        shape : ShapeId or str
+            ``SUBJECT/PHASE``.
+
+        Raises
+        ------
+        ArtifactError
+            If the folder does not hold it, or has no such shape.
+        """
+        return read_warp(self.folder / "warps.h5", shape)
 
     def _path(self, kind: Kind, name: str) -> Path:
         if kind not in KINDS:

@@ -8,19 +8,15 @@ from ostiform.arrays import FloatArray, IntArray
 
 @njit(cache=True)
 def landmark_derivatives(
-    starts: IntArray,
-    vectors: FloatArray,
-    derivatives: FloatArray,
-    linear: FloatArray,
-    root_weights: FloatArray,
+    starts: IntArray, vectors: FloatArray, derivatives: FloatArray
 ) -> FloatArray:
-    """Return how every active field moves its scaled, aligned landmark, (A, 3).
+    """Return how every active field moves its landmark, (A, 3) in mm.
 
-    ``sqrt(w_p) T (dS/du) b``: vectors (A, 3) are b, derivatives (Q, 3, 3) dS/du, linear (3, 3) T.
+    ``dS/du b``: vectors (A, 3) are b, derivatives (Q, 3, 3) dS/du.
     """
     moved = np.empty_like(vectors)
     for p in range(len(starts) - 1):
-        matrix = root_weights[p] * (linear @ derivatives[p])
+        matrix = derivatives[p]
         for a in range(starts[p], starts[p + 1]):
             for k in range(3):
                 moved[a, k] = (

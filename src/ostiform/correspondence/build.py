@@ -7,37 +7,38 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import align
-from ostiform.correspondence.coherence import coherence_about, coherence_form, joined_forms
-from ostiform.correspondence.description_length import (
-    QuadraticForm,
-    cut_off_eigenvalue,
-    description_length,
-    euclidean_form,
-    majoriser,
-    spectrum,
-)
-from ostiform.correspondence.euclidean import root_mean_square_spread
+from ostiform.correspondence.checkpoint import Callbacks, Checkpoint, Progress, Save
+from ostiform.correspondence.fields import circle_table
+from ostiform.correspondence.frozen import FrozenLevel, FrozenModel
 from ostiform.correspondence.hierarchy import (
     REPEATS,
     LevelResult,
     Problem,
-    coarse_template,
     euclidean_level,
     first_population,
-    level_of,
     optimal_levels,
 )
-from ostiform.correspondence.landmarks import template_marks
+from ostiform.correspondence.level import coarse_template
+from ostiform.correspondence.lloyd import MOST_FREEZES, relaxed, squeezed_points
 from ostiform.correspondence.mean_template import population_template
-from ostiform.correspondence.metric import metric_term, with_reference
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.settings import CorrespondenceSettings
 from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes, sampled
-from ostiform.correspondence.spreading import spread
-from ostiform.correspondence.sweeps import Journal, Keep, LevelState, Progress, area_shares
-from ostiform.correspondence.trained import Kind, TrainedCorrespondence, Yardstick
+from ostiform.correspondence.sweeps import area_shares
+from ostiform.correspondence.terms.coherence import coherence_about, coherence_form
+from ostiform.correspondence.terms.description_length import (
+    cut_off_eigenvalue,
+    description_length,
+    majoriser,
+    spectrum,
+)
+from ostiform.correspondence.terms.distance import euclidean_form, root_mean_square_spread
+from ostiform.correspondence.terms.landmarks import template_marks
+from ostiform.correspondence.terms.metric import metric_term, with_reference
+from ostiform.correspondence.terms.quadratic_form import QuadraticForm
+from ostiform.correspondence.trained import Kind, SharedMetric, TrainedCorrespondence
 from ostiform.correspondence.types import Correspondence
-from ostiform.correspondence.warps import circle_table
+from ostiform.correspondence.warp import Warp, Warps, carried
 from ostiform.domain import BaseDomain, Template
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
@@ -47,13 +48,13 @@ from ostiform.surface import median_edge_length
 NOISE_OVER_EDGE = 0.2
 
 
-def build_yardstick(
+def build_shared_metric(
     shapes: GivenShapes,
     ids: Sequence[ShapeId],
     domain: BaseDomain,
     poses: FloatArray,
     settings: CorrespondenceSettings,
-) -> Yardstick:
+) -> SharedMetric:
     """Build the template of a population and fix what its models are measured with.
 
     Parameters
@@ -73,19 +74,19 @@ def build_yardstick(
     """
     _check_population(shapes, ids)
     template = population_template(shapes, domain, settings.n_points, poses)
-    return yardstick_of_template(shapes, ids, domain, template, settings)
+    return shared_metric_of_template(shapes, ids, domain, template, settings)
 
 
-def yardstick_of_template(
+def shared_metric_of_template(
     shapes: GivenShapes,
     ids: Sequence[ShapeId],
     domain: BaseDomain,
     template: Template,
     settings: CorrespondenceSettings,
-) -> Yardstick:
+) -> SharedMetric:
     """Fix weights, alignment and l_cut from the conformal sampling of a given template.
 
-    Parameters and errors are those of `build_yardstick`.
+    Parameters and errors are those of `build_shared_metric`.
     """
     _check_population(shapes, ids)
     surveyed = as_shapes(shapes).each(_surveyed, [None] * len(ids), template)
@@ -96,7 +97,7 @@ def yardstick_of_template(
     if noise_mm is None:
         edges = [edge for _, of_shape in surveyed for edge in of_shape]
         noise_mm = NOISE_OVER_EDGE * float(np.median(edges))
-    return Yardstick(
+    return SharedMetric(
         domain=domain,
         template=template,
         weights=weights,
@@ -110,12 +111,12 @@ def yardstick_of_template(
 def correspond(
     shapes: GivenShapes,
     ids: Sequence[ShapeId],
-    yardstick: Yardstick,
+    shared: SharedMetric,
     settings: CorrespondenceSettings,
     progress: Progress | None = None,
     *,
-    begun: Sequence[LevelState] = (),
-    keep: Keep | None = None,
+    resumed: Sequence[Checkpoint] = (),
+    save: Save | None = None,
 ) -> Mapping[Kind, TrainedCorrespondence]:
     """Build the conformal, the minimum-Euclidean and the optimal model in one run.
 
@@ -126,52 +127,78 @@ def correspond(
     ----------
     shapes : Shapes or sequence of ShapeSampler
     ids : sequence of ShapeId
-    yardstick : Yardstick
+    shared : SharedMetric
         Of the same shapes.
     settings : CorrespondenceSettings
     progress : callable, optional
         Called with a `SweepRecord` after every sweep.
-    begun : sequence of LevelState, optional
+    resumed : sequence of Checkpoint, optional
         Where an interrupted run on the same input stood: its levels from the first, all but the
         last one ended. The result is that of a run without interruption, bit for bit.
-    keep : callable, optional
-        Called with the `LevelState` after every sweep, the last of each level with its status.
+    save : callable, optional
+        Called with the `Checkpoint` after every sweep, the last of each level with its status.
 
     Raises
     ------
     InputError
         If there are fewer than two shapes, the numbers of shapes and ids differ, or the levels
-        begun are not of this population.
+        resumed are not of this population.
     """
     _check_population(shapes, ids)
-    problem = _problem(as_shapes(shapes), yardstick, settings)
-    _check_begun(begun, problem)
-    journal = Journal(progress, keep, {state.level: state for state in begun})
+    problem = _problem(as_shapes(shapes), shared, settings)
+    _check_resumed(resumed, problem)
+    callbacks = Callbacks(progress, save, {level.level: level for level in resumed})
     template_points = np.broadcast_to(
-        yardstick.template.points, (len(ids), *yardstick.template.points.shape)
+        shared.template.points, (len(ids), *shared.template.points.shape)
     )
     population = first_population(problem, template_points)
     trained: dict[Kind, TrainedCorrespondence] = {
-        "conformal": _trained("conformal", problem, template_points, ids, yardstick, ())
+        "conformal": _trained("conformal", problem, template_points, ids, shared, ())
     }
-    first = euclidean_level(problem, population, journal)
-    population = first.population
-    trained["euclidean"] = _trained(
-        "euclidean", problem, _directions(first), ids, yardstick, (first,)
-    )
-    results = (first, *optimal_levels(problem, population, journal))
-    template, directions = spread(
-        problem.shapes, yardstick.template, problem.circles, _directions(results[-1])
-    )
+    first = euclidean_level(problem, population, callbacks)
+    trained["euclidean"] = _trained("euclidean", problem, _directions(first), ids, shared, (first,))
+    results = (first, *optimal_levels(problem, first.end.population, callbacks))
+    template, directions = _relaxed(problem, results, _warps(ids, results))
     trained["optimal"] = _trained(
         "optimal",
         _on_template(problem, template),
         directions,
         ids,
-        replace(yardstick, template=template),
+        replace(shared, template=template),
         results,
     )
     return trained
+
+
+def _relaxed(
+    problem: Problem, results: Sequence[LevelResult], warps: Warps
+) -> tuple[Template, FloatArray]:
+    """Return the template with its points relaxed in common, and where the warps carry them.
+
+    Points at the corners of triangles that come out squeezed are put back.
+    """
+    first = problem.template, _directions(results[-1])
+    template = relaxed(problem.shapes, problem.template, problem.circles, first[1])[0]
+    each = [warps.at(index) for index in range(len(warps.ids))]
+    for _ in range(MOST_FREEZES):
+        if template is problem.template:
+            break
+        moved = np.stack(problem.shapes.each(_carried, each, template))
+        squeezed = squeezed_points(first, (template.points, moved))
+        if not squeezed.any():
+            return template, moved
+        back = np.where(squeezed[:, None], problem.template.points, template.points)
+        template = replace(template, points=back)
+    return first
+
+
+def _carried(_shape: ShapeSampler, warp: Warp, template: Template) -> FloatArray:
+    return carried(warp, template.points, template.sphere, template.curve)
+
+
+def _warps(ids: Sequence[ShapeId], results: Sequence[LevelResult]) -> Warps:
+    bases = tuple(result.basis for result in results)
+    return Warps(tuple(ids), bases, tuple(result.end.steps for result in results))
 
 
 def _check_population(shapes: GivenShapes, ids: Sequence[ShapeId]) -> None:
@@ -182,14 +209,14 @@ def _check_population(shapes: GivenShapes, ids: Sequence[ShapeId]) -> None:
         )
 
 
-def _check_begun(begun: Sequence[LevelState], problem: Problem) -> None:
+def _check_resumed(resumed: Sequence[Checkpoint], problem: Problem) -> None:
     n_shapes, n_points, n_coarse = (
         len(problem.shapes),
         len(problem.template.points),
         len(problem.coarse.points),
     )
-    for number, state in enumerate(begun, start=1):
-        is_ended = state.status is not None or number == len(begun)
+    for number, state in enumerate(resumed, start=1):
+        is_ended = state.status is not None or number == len(resumed)
         fits = len(state.population.states) == n_shapes and all(
             len(one.directions) == n_points and len(one.landmarks) == n_coarse
             for one in state.population.states
@@ -218,28 +245,28 @@ def _surveyed(
     return sample(shape, template, template.points), edges
 
 
-def _problem(shapes: Shapes, yardstick: Yardstick, settings: CorrespondenceSettings) -> Problem:
-    template = yardstick.template
+def _problem(shapes: Shapes, shared: SharedMetric, settings: CorrespondenceSettings) -> Problem:
+    template = shared.template
     coarse, index = coarse_template(template, settings.n_optimised)
     points = np.stack(shapes.each(sampled, [coarse.points] * len(shapes), coarse))
     weights = area_shares(points, coarse.faces).mean(axis=0)
     weights /= weights.sum()
-    aligned = align(points, weights, yardstick.alignment, yardstick.groups).aligned
+    aligned = align(points, weights, shared.alignment, shared.groups).aligned
     metric = metric_term(coarse, aligned.mean(axis=0), settings.metric)
     unit_mm = settings.euclidean_noise_mm
     if unit_mm is None:
-        unit_mm = max(root_mean_square_spread(aligned, weights), yardstick.noise_mm)
+        unit_mm = max(root_mean_square_spread(aligned, weights), shared.noise_mm)
     return Problem(
         shapes=shapes,
         template=template,
         coarse=coarse,
         index=index,
         weights=weights,
-        circles=circle_table(yardstick.domain, template),
-        groups=yardstick.groups,
+        circles=circle_table(shared.domain, template),
+        groups=shared.groups,
         metric=with_reference(metric, points),
-        l_cut=yardstick.l_cut,
-        start_length=description_length(aligned, weights, yardstick.l_cut),
+        l_cut=shared.l_cut,
+        start_length=description_length(aligned, weights, shared.l_cut),
         unit_mm=unit_mm,
         settings=settings,
         marks=template_marks(shapes, coarse),
@@ -254,7 +281,7 @@ def _on_template(problem: Problem, template: Template) -> Problem:
 
 
 def _directions(result: LevelResult) -> FloatArray:
-    return np.stack([state.directions for state in result.population.states])
+    return np.stack([state.directions for state in result.end.population.states])
 
 
 def _trained(
@@ -262,55 +289,67 @@ def _trained(
     problem: Problem,
     directions: FloatArray,
     ids: Sequence[ShapeId],
-    yardstick: Yardstick,
+    shared: SharedMetric,
     results: Sequence[LevelResult],
 ) -> TrainedCorrespondence:
-    points = np.stack(problem.shapes.each(sampled, list(directions), yardstick.template))
-    alignment = align(points, yardstick.weights, yardstick.alignment, yardstick.groups)
+    points = np.stack(problem.shapes.each(sampled, list(directions), shared.template))
+    alignment = align(points, shared.weights, shared.alignment, shared.groups)
     correspondence = Correspondence(
-        template=yardstick.template,
+        template=shared.template,
         ids=tuple(ids),
         directions=directions,
         points=points,
         aligned=alignment.aligned,
         transforms=alignment.transforms,
-        weights=yardstick.weights,
+        weights=shared.weights,
     )
-    found = spectrum(alignment.aligned, yardstick.weights)
-    strong = found.eigenvalues > yardstick.l_cut
     coarse = alignment.aligned[:, problem.index]  # (N, Q, 3)
-    metric = with_reference(problem.metric, coarse)
+    settings = problem.settings
+    frozen = FrozenModel(
+        template=shared.template,
+        n_optimised=settings.n_optimised,
+        weights=shared.weights,
+        mean=alignment.mean,
+        coarse_weights=problem.weights,
+        stretch=settings.stretch,
+        offset=settings.offset,
+        metric=with_reference(problem.metric, coarse),
+        marks=problem.marks,
+        alignment=shared.alignment,
+        jointly=settings.per == "subject",
+        ids=tuple(ids),
+        transforms=alignment.transforms,
+        levels=_frozen_levels(problem, coarse, results),
+    )
     return TrainedCorrespondence(
         kind=kind,
         correspondence=correspondence,
-        yardstick=yardstick,
-        mean=alignment.mean,
-        eigenvalues=found.eigenvalues[strong],
-        modes=found.modes[strong],
-        levels=tuple(
-            level_of(replace(problem, metric=metric), result.level.basis) for result in results
-        ),
-        forms=_placing_forms(problem, coarse, results),
-        history=tuple(record for result in results for record in result.records),
-        statuses=tuple(result.status for result in results),
+        shared_metric=shared,
+        frozen=frozen,
+        warps=_warps(ids, results),
+        history=tuple(record for result in results for record in result.end.records),
+        statuses=tuple(result.end.status for result in results if result.end.status is not None),
         coherence=results[-1].coherence if results else 0.0,
         interior=results[-1].interior if results else None,
         boundary=results[-1].boundary if results else None,
     )
 
 
-def _placing_forms(
+def _frozen_levels(
     problem: Problem, aligned: FloatArray, results: Sequence[LevelResult]
-) -> tuple[QuadraticForm, ...]:
-    """Return what a further shape minimises: the distance to the mean, then ``y^T W y``.
-
-    W is that of the majoriser and the coherence term together.
-    """
+) -> tuple[FrozenLevel, ...]:
+    """Return the levels of further shapes: the distance to the mean, then what W and B charge."""
     found = spectrum(aligned, problem.weights)
     nearest = euclidean_form(found.mean, problem.weights, problem.unit_mm**2)
-    shortest = []
+    forms: list[dict[str, QuadraticForm]] = [{"distance": nearest}]
     for result in results[1:]:
         coherence = coherence_about(found.mean, problem.weights, result.coherence)
-        form = majoriser(found, problem.weights, result.l_cut)
-        shortest.append(joined_forms(form, coherence_form(coherence, found.mean)))
-    return (nearest, *shortest)[: len(results)]
+        forms.append(
+            {
+                "length": majoriser(found, problem.weights, result.l_cut),
+                "coherence": coherence_form(coherence, found.mean),
+            }
+        )
+    return tuple(
+        FrozenLevel(result.basis, own) for result, own in zip(results, forms, strict=False)
+    )

@@ -6,39 +6,28 @@ of a surface are composed flows, so the gradient is always taken at the identity
 exact.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence.coherence import Coherence, coherence_form, joined_forms
-from ostiform.correspondence.crowding import crowding_value
-from ostiform.correspondence.description_length import (
-    form_value,
+from ostiform.correspondence.checkpoint import Population
+from ostiform.correspondence.fields import fastest_point, flow, orientation_share
+from ostiform.correspondence.level import WarpLevel
+from ostiform.correspondence.objective import Terms, shape_terms, value
+from ostiform.correspondence.sampling import ShapeSampler, sample
+from ostiform.correspondence.shape_step import LEAST_ORIENTATION_SHARE, LONGEST_STEP, gradient
+from ostiform.correspondence.shapes import GivenShapes, as_shapes
+from ostiform.correspondence.state import Linearised, WarpState, aligned_landmarks
+from ostiform.correspondence.sweeps import SweepOutcome, current_metric, sweep_outcome
+from ostiform.correspondence.terms.coherence import Coherence, coherence_form
+from ostiform.correspondence.terms.description_length import (
     length_of_spectrum,
     majoriser,
     spectrum,
 )
-from ostiform.correspondence.landmarks import landmark_term, landmark_value
-from ostiform.correspondence.metric import metric_value
-from ostiform.correspondence.penalty import penalty_value
-from ostiform.correspondence.sampling import ShapeSampler, sample
-from ostiform.correspondence.shape_step import (
-    LEAST_ORIENTATION_SHARE,
-    LONGEST_STEP,
-    ShapeGoal,
-    WarpLevel,
-    WarpState,
-    gradient,
-)
-from ostiform.correspondence.shapes import GivenShapes, as_shapes
-from ostiform.correspondence.sweeps import (
-    Population,
-    SweepOutcome,
-    current_metric,
-    sweep_outcome,
-)
-from ostiform.correspondence.warps import fastest_point, flow, orientation_share
+from ostiform.correspondence.terms.term import System
+from ostiform.correspondence.warp import Step, steps_of
 
 STEPS_PER_SURFACE = 5
 
@@ -48,6 +37,62 @@ HALVINGS = 8
 
 # The first trial step moves the fastest point this far (radians).
 FIRST_MOVE = 0.03
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LengthOfOne:
+    """(N - 1) times the description length of a population, as one of its shapes moves.
+
+    Attributes
+    ----------
+    aligned : (N, Q, 3) float64, mm
+        All shapes before.
+    shape : int
+        The one that moves.
+    weights : (Q,) float64
+    l_cut : float
+        mm^2.
+    middle : (Q, 3) float64
+        Mean of all before.
+    scaled : (N, 3Q) float64
+        Scaled deviations from it.
+    gram : (N, N) float64
+        Their scalar products.
+    """
+
+    aligned: FloatArray
+    shape: int
+    weights: FloatArray
+    l_cut: float
+    middle: FloatArray
+    scaled: FloatArray
+    gram: FloatArray
+
+    def value(self, state: WarpState, transform: FloatArray) -> float:
+        """Return the term where the shape is now."""
+        own = aligned_landmarks(state, transform)
+        row = ((own - self.middle) * np.sqrt(self.weights)[:, None]).ravel()
+        products = self.scaled @ row
+        products[self.shape] = row @ row
+        changed = self.gram.copy()
+        changed[self.shape] = changed[:, self.shape] = products
+        length = length_of_spectrum(_covariance_eigenvalues(changed), self.l_cut)
+        return (len(self.aligned) - 1) * length
+
+    def system(self, at: Linearised) -> System:
+        """Return the system of the majoriser, which touches the length where the shape is now."""
+        aligned = self.aligned.copy()
+        aligned[self.shape] = aligned_landmarks(at.state, at.transform)
+        return majoriser(spectrum(aligned, self.weights), self.weights, self.l_cut).system(at)
+
+
+def length_of_one(
+    aligned: FloatArray, shape: int, weights: FloatArray, l_cut: float
+) -> LengthOfOne:
+    """Return the description length as a term of one shape of a population (N, Q, 3)."""
+    middle = aligned.mean(axis=0)
+    scaled = ((aligned - middle) * np.sqrt(weights)[:, None]).reshape(len(aligned), -1)
+    return LengthOfOne(aligned, shape, weights, l_cut, middle, scaled, scaled @ scaled.T)
 
 
 def conjugate_gradient_sweep(
@@ -76,7 +121,7 @@ def conjugate_gradient_sweep(
     count = len(population.states)
     kept = as_shapes(shapes)
     current = population
-    taken = np.zeros((count, len(level.basis)))
+    taken: list[list[Step]] = [[] for _ in range(count)]
     promised = 0.0
     for shape in rng.permutation(count):
         state, steps, expected = _optimised_surface(
@@ -86,7 +131,8 @@ def conjugate_gradient_sweep(
         current = replace(current, states=states)
         taken[shape] = steps
         promised += expected
-    return current, sweep_outcome(population, current, taken, promised / max(count - 1, 1))
+    steps_taken = steps_of(taken, len(level.basis))
+    return current, sweep_outcome(population, current, steps_taken, promised / max(count - 1, 1))
 
 
 def _optimised_surface(
@@ -96,46 +142,30 @@ def _optimised_surface(
     level: WarpLevel,
     l_cut: float,
     coherence: Coherence,
-) -> tuple[WarpState, FloatArray, float]:
-    """Return the state of one surface after a few steps, their sum, and the first decrease hoped.
+) -> tuple[WarpState, list[Step], float]:
+    """Return the state of one surface after a few steps, these, and the first decrease hoped.
 
     The hoped decrease is that along the gradient with the first trial's length.
     """
-    aligned = population.aligned.copy()
+    aligned = population.aligned
     transform = population.transforms[shape]
-    middle, root_weights = aligned.mean(axis=0), coherence.root_weights[:, None]
-    weights = coherence.root_weights**2
     count = len(aligned)
-    others = coherence_form(coherence, (count * middle - aligned[shape]) / (count - 1))
-    scaled = ((aligned - middle) * root_weights).reshape(len(aligned), -1)  # (N, 3Q)
-    gram = scaled @ scaled.T
-    metric = current_metric(population, level)
-    term = landmark_term(level.marks, sampler.marks)
-
-    def cost(state: WarpState) -> float:
-        own = _aligned(state, transform)
-        row = (own - middle) * root_weights
-        trial = scaled.copy()
-        trial[shape] = row.ravel()
-        changed = gram.copy()
-        changed[shape] = changed[:, shape] = trial @ trial[shape]
-        length = length_of_spectrum(_covariance_eigenvalues(changed), l_cut)
-        # moving one shape moves the mean: about it, all terms together change as this one does
-        rough = (1.0 - 1.0 / count) * form_value(others, own)
-        penalty = penalty_value(level.penalty, state.directions[level.index])
-        penalty += landmark_value(term, state.landmarks)
-        penalty += crowding_value(level.template, state.directions)
-        return (count - 1) * length + rough + penalty + metric_value(metric, state.landmarks)
-
+    # Moving one shape moves the mean: about the mean of the others, all shapes' terms together
+    # change as (1 - 1 / N) of this one's does.
+    middle = (aligned.sum(axis=0) - aligned[shape]) / (count - 1)
+    weaker = replace(coherence, strength=(1.0 - 1.0 / count) * coherence.strength)
+    forms: Terms = {
+        "length": length_of_one(aligned, shape, coherence.root_weights**2, l_cut),
+        "coherence": coherence_form(weaker, middle),
+    }
+    terms = shape_terms(forms, level, current_metric(population, level), sampler.marks)
     state = population.states[shape]
-    total = np.zeros(len(level.basis))
-    value, direction, before = cost(state), np.zeros_like(total), np.zeros_like(total)
+    cost = value(terms, state, transform)
+    steps: list[Step] = []
+    direction, before = np.zeros(len(level.basis)), np.zeros(len(level.basis))
     move, promised = FIRST_MOVE, 0.0
     for _ in range(STEPS_PER_SURFACE):
-        aligned[shape] = _aligned(state, transform)
-        form = majoriser(spectrum(aligned, weights), weights, l_cut)
-        form = joined_forms(form, coherence_form(coherence, form.target))
-        slope = gradient(sampler, state, level, ShapeGoal(form, metric, term), transform)
+        slope = gradient(sampler, state, level, terms, transform)
         momentum = max(0.0, float(slope @ (slope - before)) / float(before @ before or np.inf))
         direction = momentum * direction - slope
         if slope @ direction >= 0.0:
@@ -148,23 +178,19 @@ def _optimised_surface(
         promised = promised or -0.5 * length * descent
         accepted = None
         for _halving in range(HALVINGS):
-            trial = _moved(sampler, state, level, length * direction)
-            reached = np.inf if trial is None else cost(trial)
-            if reached < value + SUFFICIENT_DECREASE * length * descent:
+            step = Step(length * direction, length * fastest)
+            trial = _moved(sampler, state, level, step)
+            reached = np.inf if trial is None else value(terms, trial, transform)
+            if reached < cost + SUFFICIENT_DECREASE * length * descent:
                 accepted = trial
                 break
             length *= 0.5
         if accepted is None:
             break
-        state, value, before = accepted, reached, slope
-        total += length * direction
+        state, cost, before = accepted, reached, slope
+        steps.append(step)
         move = 2.0 * length * fastest
-    return state, total, promised
-
-
-def _aligned(state: WarpState, transform: FloatArray) -> FloatArray:
-    moved: FloatArray = state.landmarks @ transform[:3, :3].T + transform[:3, 3]
-    return moved
+    return state, steps, promised
 
 
 def _covariance_eigenvalues(gram: FloatArray) -> FloatArray:
@@ -176,10 +202,12 @@ def _covariance_eigenvalues(gram: FloatArray) -> FloatArray:
 
 
 def _moved(
-    sampler: ShapeSampler, state: WarpState, level: WarpLevel, coefficients: FloatArray
+    sampler: ShapeSampler, state: WarpState, level: WarpLevel, step: Step
 ) -> WarpState | None:
     """Return the state after a flow, or None if it turns a template triangle over."""
-    directions = flow(level.basis, level.template, state.directions, coefficients)
+    directions = flow(
+        level.basis, level.template, state.directions, step.coefficients, fastest=step.fastest
+    )
     floor = min(LEAST_ORIENTATION_SHARE, orientation_share(level.template, state.directions))
     if orientation_share(level.template, directions) < floor:
         return None

@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
-from ostiform.correspondence.warps import (
+from ostiform.correspondence.fields import (
     FieldBasis,
     bump_fields,
     global_fields,

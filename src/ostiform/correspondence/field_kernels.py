@@ -1,6 +1,6 @@
 """Compiled kernels of the warps: basis fields, cut-offs at the circles and their integration.
 
-A field is a row of two tables. `numbers` (D, 12) float64: centre 0:3, direction 3:6, first axis of
+A field is a row of two tables. `table` (D, 12) float64: centre 0:3, direction 3:6, first axis of
 the centre's tangent frame 6:9, support 9, angle 10, circle radius 11. `labels` (D, 4) int64: kind,
 component sphere, number of control points on the circle of a twist, and 1 for a field with the
 same kind, centre and support as the row before (the second of an interior control point, the
@@ -133,7 +133,7 @@ def _cut_off(normals: FloatArray, count: int, v: FloatArray) -> None:
 
 @njit(cache=True)
 def active_fields(
-    points: FloatArray, sphere: IntArray, numbers: FloatArray, labels: IntArray, margin: float
+    points: FloatArray, sphere: IntArray, table: FloatArray, labels: IntArray, margin: float
 ) -> tuple[IntArray, IntArray]:
     """Return the fields that reach each point, or come within a margin, as rows of indices.
 
@@ -143,7 +143,7 @@ def active_fields(
     fields : (A,) int64
         Those of point p are ``fields[starts[p]:starts[p + 1]]``.
     """
-    count, n_fields = len(points), len(numbers)
+    count, n_fields = len(points), len(table)
     starts = np.zeros(count + 1, np.int64)
     found = np.empty(count * n_fields, np.int32)
     total = 0
@@ -154,7 +154,7 @@ def active_fields(
             if labels[d, 1] != sphere[p]:
                 continue
             if labels[d, 3] == 0:
-                reaches = _reaches(numbers[d], labels[d, 0], x, y, z, margin)
+                reaches = _reaches(table[d], labels[d, 0], x, y, z, margin)
             if reaches:
                 found[total] = d
                 total += 1
@@ -169,7 +169,7 @@ def field_vectors(
     curve: IntArray,
     starts: IntArray,
     fields: IntArray,
-    numbers: FloatArray,
+    table: FloatArray,
     labels: IntArray,
     circles: FloatArray,
 ) -> FloatArray:
@@ -184,11 +184,11 @@ def field_vectors(
             v = vectors[a]
             if labels[d, 0] == TWIST:
                 if labels[d, 3] == 0:
-                    _about_circle(numbers[d], points[p], around)
-                wave = _wave(around[3] - numbers[d, 10], labels[d, 2])
+                    _about_circle(table[d], points[p], around)
+                wave = _wave(around[3] - table[d, 10], labels[d, 2])
                 v[0], v[1], v[2] = wave * around[0], wave * around[1], wave * around[2]
             else:
-                v[0], v[1], v[2] = _field(numbers[d], labels[d, 0], x, y, z)
+                v[0], v[1], v[2] = _field(table[d], labels[d, 0], x, y, z)
             _cut_off(normals, near, v)
     return vectors
 
@@ -200,7 +200,7 @@ def _velocity(
     on_circle: int,
     active: IntArray,
     coefficients: FloatArray,
-    numbers: FloatArray,
+    table: FloatArray,
     labels: IntArray,
     circles: FloatArray,
     normals: FloatArray,
@@ -212,11 +212,11 @@ def _velocity(
         a = coefficients[d]
         if labels[d, 0] == TWIST:
             if labels[d, 3] == 0:
-                _about_circle(numbers[d], u, around)
-            a *= _wave(around[3] - numbers[d, 10], labels[d, 2])
+                _about_circle(table[d], u, around)
+            a *= _wave(around[3] - table[d, 10], labels[d, 2])
             vx, vy, vz = around[0], around[1], around[2]
         else:
-            vx, vy, vz = _field(numbers[d], labels[d, 0], u[0], u[1], u[2])
+            vx, vy, vz = _field(table[d], labels[d, 0], u[0], u[1], u[2])
         v[0] += a * vx
         v[1] += a * vy
         v[2] += a * vz
@@ -248,7 +248,7 @@ def flow_points(
     starts: IntArray,
     fields: IntArray,
     coefficients: FloatArray,
-    numbers: FloatArray,
+    table: FloatArray,
     labels: IntArray,
     circles: FloatArray,
     steps: int,
@@ -271,7 +271,7 @@ def flow_points(
                     curve[p],
                     active,
                     coefficients,
-                    numbers,
+                    table,
                     labels,
                     circles,
                     normals,
@@ -299,7 +299,7 @@ def velocities(
     starts: IntArray,
     fields: IntArray,
     coefficients: FloatArray,
-    numbers: FloatArray,
+    table: FloatArray,
     labels: IntArray,
     circles: FloatArray,
 ) -> FloatArray:
@@ -313,7 +313,7 @@ def velocities(
             curve[p],
             fields[starts[p] : starts[p + 1]],
             coefficients,
-            numbers,
+            table,
             labels,
             circles,
             normals,

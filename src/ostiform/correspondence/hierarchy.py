@@ -1,19 +1,13 @@
 """From coarse to fine: level 1 is Euclidean, the later levels minimise the description length."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import align
-from ostiform.correspondence.coherence import (
-    Coherence,
-    coherence_about,
-    coherence_form,
-    coherence_value,
-    joined_forms,
-)
+from ostiform.correspondence.checkpoint import Callbacks, Checkpoint, Population
 from ostiform.correspondence.conjugate_gradient import conjugate_gradient_sweep
 from ostiform.correspondence.control_points import (
     ControlPoints,
@@ -22,31 +16,16 @@ from ostiform.correspondence.control_points import (
     insert_interior,
     no_control_points,
 )
-from ostiform.correspondence.description_length import (
-    QuadraticForm,
-    description_length,
-    majoriser,
-    spectrum,
-)
-from ostiform.correspondence.euclidean import (
-    euclidean_forms,
-    euclidean_value,
-    medoid,
-    root_mean_square_spread,
-)
-from ostiform.correspondence.landmarks import LandmarkTerm, TemplateMarks, landmark_term
-from ostiform.correspondence.metric import MetricTerm
-from ostiform.correspondence.penalty import displacement_penalty
+from ostiform.correspondence.fields import FieldBasis
+from ostiform.correspondence.level import WarpLevel, warp_level
+from ostiform.correspondence.objective import Terms, population_values, shape_terms
+from ostiform.correspondence.sampling import SurfaceMarks
 from ostiform.correspondence.settings import CorrespondenceSettings
-from ostiform.correspondence.shape_step import WarpLevel, WarpState, warp_level
 from ostiform.correspondence.shapes import Shapes, marks_of, sampled
+from ostiform.correspondence.state import WarpState
 from ostiform.correspondence.sweeps import (
-    Journal,
-    LevelStatus,
-    Population,
     SweepObjective,
     SweepOutcome,
-    SweepRecord,
     area_shares,
     batched_sweep,
     current_metric,
@@ -54,7 +33,26 @@ from ostiform.correspondence.sweeps import (
     realigned,
     run_sweeps,
 )
-from ostiform.correspondence.warps import FieldBasis
+from ostiform.correspondence.terms.coherence import (
+    Coherence,
+    coherence_about,
+    coherence_form,
+    coherence_value,
+)
+from ostiform.correspondence.terms.description_length import (
+    description_length,
+    majoriser,
+    spectrum,
+)
+from ostiform.correspondence.terms.distance import (
+    euclidean_forms,
+    euclidean_value,
+    medoid,
+    root_mean_square_spread,
+)
+from ostiform.correspondence.terms.landmarks import TemplateMarks
+from ostiform.correspondence.terms.metric import MetricTerm
+from ostiform.correspondence.terms.quadratic_form import QuadraticForm
 from ostiform.domain import Template
 
 REPEATS = 5
@@ -81,7 +79,7 @@ class Problem:
     weights : (Q,) float64
         Area shares of the coarse points in the conformal sampling, mean over the shapes.
     circles : (K, 8) float64
-        See `warps.circle_table`.
+        See `fields.circle_table`.
     groups : (N,) int64
         Shapes that share a transform.
     metric : MetricTerm
@@ -118,49 +116,22 @@ class LevelResult:
 
     Attributes
     ----------
-    population : Population
-    level : WarpLevel
-        With the fields of the level, to place further shapes.
+    end : Checkpoint
+        With the steps, the records and the status.
+    basis : FieldBasis
     interior, boundary : ControlPoints
     l_cut : float
         The level's own cut-off, mm^2.
     coherence : float
         Strength of the level's coherence term.
-    records : tuple of SweepRecord
-    status : LevelStatus
     """
 
-    population: Population
-    level: WarpLevel
+    end: Checkpoint
+    basis: FieldBasis
     interior: ControlPoints
     boundary: ControlPoints
     l_cut: float
     coherence: float
-    records: tuple[SweepRecord, ...]
-    status: LevelStatus
-
-
-def coarse_template(template: Template, least: int) -> tuple[Template, IntArray]:
-    """Return the coarsest level of a template with at least so many points, and their indices.
-
-    The whole template where no level has as many.
-    """
-    for level in template.levels:
-        if least <= len(level.index) < len(template.points):
-            index = level.index
-            coarse = Template(
-                points=template.points[index],
-                sphere=template.sphere[index],
-                part=template.part[index],
-                faces=level.faces,
-                face_part=level.face_part,
-                parts=template.parts,
-                curve=template.curve[index],
-                curves=template.curves,
-                loops={},
-            )
-            return coarse, index
-    return template, np.arange(len(template.points))
 
 
 def first_population(problem: Problem, directions: FloatArray) -> Population:
@@ -178,7 +149,7 @@ def first_population(problem: Problem, directions: FloatArray) -> Population:
     return replace(population, transforms=found.transforms)
 
 
-def euclidean_level(problem: Problem, population: Population, journal: Journal) -> LevelResult:
+def euclidean_level(problem: Problem, population: Population, callbacks: Callbacks) -> LevelResult:
     """Return level 1: every shape as near as its penalty allows to the medoid.
 
     The fields are few and smooth: six conformal fields per sphere (rotations and boosts, cut off
@@ -186,25 +157,27 @@ def euclidean_level(problem: Problem, population: Population, journal: Journal) 
     """
     control = no_control_points(), boundary_control_points(problem.circles, 1)
     reference = medoid(population.aligned, problem.weights)
+    level = level_of(problem, _basis(problem, *control))
 
     def forms(aligned: FloatArray) -> tuple[QuadraticForm, ...]:
         shares = area_shares(aligned, problem.coarse.faces)
         return euclidean_forms(aligned, shares, reference, problem.unit_mm)
 
-    def take(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+    def charged(aligned: FloatArray) -> dict[str, float]:
+        return {"distance": euclidean_value(forms(aligned), aligned)}
+
+    def take(current: Population) -> tuple[Population, SweepOutcome]:
         metric = current_metric(current, level)
-        return joint_sweep(problem.shapes, current, level, forms(current.aligned), metric)
+        each = [{"distance": form} for form in forms(current.aligned)]
+        return joint_sweep(problem.shapes, current, level, each, metric)
 
-    def value(aligned: FloatArray) -> float:
-        return euclidean_value(forms(aligned), aligned)
-
-    objective = SweepObjective(value, take, _realigner(problem, value))
-    labels = ("euclidean", 1)
-    return _swept(problem, population, control, labels, objective, (problem.l_cut, 0.0), journal)
+    objective = _objective(problem, level, charged, take)
+    end = _swept(problem, population, level, ("euclidean", 1), objective, callbacks)
+    return LevelResult(end, level.basis, *control, problem.l_cut, 0.0)
 
 
 def optimal_levels(
-    problem: Problem, population: Population, journal: Journal
+    problem: Problem, population: Population, callbacks: Callbacks
 ) -> tuple[LevelResult, ...]:
     """Return levels 2 and finer: the description length of the whole set and its coherence.
 
@@ -235,24 +208,19 @@ def optimal_levels(
                 strength *= RELIEF
             elif number == settings.levels + 1 and share < POOR_START:
                 interior = no_control_points()
-                for level in range(2, settings.levels + 1):
-                    interior = insert_interior(interior, problem.coarse, mean_shape, level)
+                for depth in range(2, settings.levels + 1):
+                    interior = insert_interior(interior, problem.coarse, mean_shape, depth)
             else:
                 break
-        if number in journal.begun:
-            for _ in range(journal.begun[number].sweeps):
+        if number in callbacks.resumed:
+            for _ in range(callbacks.resumed[number].sweeps):
                 rng.permutation(len(problem.shapes))  # drawn by the sweeps of the earlier run
         coherence = coherence_about(mean_shape, problem.weights, strength)
-        result = _swept(
-            problem,
-            population,
-            (interior, boundary),
-            ("optimal", number),
-            _length_objective(problem, l_cut, coherence, rng),
-            (l_cut, strength),
-            journal,
-        )
-        population = result.population
+        level = level_of(problem, _basis(problem, interior, boundary))
+        objective = _length_objective(problem, level, l_cut, coherence, rng)
+        end = _swept(problem, population, level, ("optimal", number), objective, callbacks)
+        result = LevelResult(end, level.basis, interior, boundary, l_cut, strength)
+        population = result.end.population
         results.append(result)
     return tuple(results)
 
@@ -297,75 +265,89 @@ def sweep_batches(
 
 
 def _length_objective(
-    problem: Problem, l_cut: float, coherence: Coherence, rng: np.random.Generator
+    problem: Problem,
+    level: WarpLevel,
+    l_cut: float,
+    coherence: Coherence,
+    rng: np.random.Generator,
 ) -> SweepObjective:
-    def value(aligned: FloatArray) -> float:
-        length = description_length(aligned, problem.weights, l_cut)
-        return length + coherence_value(coherence, aligned)
+    def charged(aligned: FloatArray) -> dict[str, float]:
+        return {
+            "length": description_length(aligned, problem.weights, l_cut),
+            "coherence": coherence_value(coherence, aligned),
+        }
 
-    def form_of(current: Population) -> QuadraticForm:
+    def forms_of(current: Population) -> Terms:
         form = majoriser(spectrum(current.aligned, problem.weights), problem.weights, l_cut)
-        return joined_forms(form, coherence_form(coherence, form.target))
+        return {"length": form, "coherence": coherence_form(coherence, form.target)}
 
-    def majorise(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+    def majorise(current: Population) -> tuple[Population, SweepOutcome]:
         batches = sweep_batches(len(current.states), problem.settings.batch, rng)
-        return batched_sweep(problem.shapes, current, level, form_of, batches)
+        return batched_sweep(problem.shapes, current, level, forms_of, batches)
 
-    def descend(current: Population, level: WarpLevel) -> tuple[Population, SweepOutcome]:
+    def descend(current: Population) -> tuple[Population, SweepOutcome]:
         return conjugate_gradient_sweep(problem.shapes, current, level, l_cut, coherence, rng)
 
     take = majorise if problem.settings.optimiser == "majorise" else descend
-    return SweepObjective(value, take, _realigner(problem, value))
+    return _objective(problem, level, charged, take)
+
+
+def _objective(
+    problem: Problem,
+    level: WarpLevel,
+    charged: Callable[[FloatArray], dict[str, float]],
+    take: Callable[[Population], tuple[Population, SweepOutcome]],
+) -> SweepObjective:
+    """Return the objective of a level, with what it charges aligned points (N, Q, 3) for."""
+    nothing = [None] * len(problem.shapes)
+    marks: Sequence[SurfaceMarks | None] = nothing
+    if problem.marks is not None:
+        marks = problem.shapes.each(marks_of, nothing, None)
+
+    def values(current: Population) -> dict[str, float]:
+        metric = current_metric(current, level)
+        terms = [shape_terms({}, level, metric, own) for own in marks]
+        others = population_values(terms, current.states, current.transforms)
+        return {**charged(current.aligned), **others}
+
+    def realign(current: Population) -> Population:
+        return realigned(
+            current,
+            problem.weights,
+            problem.settings.alignment,
+            problem.groups,
+            lambda aligned: sum(charged(aligned).values()),
+        )
+
+    return SweepObjective(values, take, realign)
 
 
 def level_of(problem: Problem, basis: FieldBasis) -> WarpLevel:
-    """Return what shapes share at a level whose fields are given; without their own landmarks."""
+    """Return what shapes share at a level whose fields are given."""
     settings = problem.settings
-    penalty = displacement_penalty(
-        problem.coarse, problem.weights, settings.stretch, settings.offset
-    )
     return warp_level(
         problem.template,
-        problem.coarse,
-        problem.index,
+        settings.n_optimised,
+        problem.weights,
         basis,
-        penalty,
+        (settings.stretch, settings.offset),
         problem.metric,
         problem.marks,
     )
 
 
-def _landmark_terms(problem: Problem) -> tuple[LandmarkTerm | None, ...]:
-    if problem.marks is None:
-        return ()
-    own = problem.shapes.each(marks_of, [None] * len(problem.shapes), None)
-    return tuple(landmark_term(problem.marks, of_shape) for of_shape in own)
-
-
-def _realigner(
-    problem: Problem, value: Callable[[FloatArray], float]
-) -> Callable[[Population], Population]:
-    def realign(current: Population) -> Population:
-        return realigned(
-            current, problem.weights, problem.settings.alignment, problem.groups, value
-        )
-
-    return realign
+def _basis(problem: Problem, interior: ControlPoints, boundary: ControlPoints) -> FieldBasis:
+    n_spheres = int(problem.template.sphere.max()) + 1
+    return basis_of(interior, boundary, problem.circles, n_spheres)
 
 
 def _swept(
     problem: Problem,
     population: Population,
-    control: tuple[ControlPoints, ControlPoints],
+    level: WarpLevel,
     labels: tuple[str, int],
     objective: SweepObjective,
-    strengths: tuple[float, float],
-    journal: Journal,
-) -> LevelResult:
-    """Return the result of a level; its cut-off and its coherence are noted with it."""
-    n_spheres = int(problem.template.sphere.max()) + 1
-    basis = basis_of(*control, problem.circles, n_spheres)
-    level = replace(level_of(problem, basis), terms=_landmark_terms(problem))
+    callbacks: Callbacks,
+) -> Checkpoint:
     limits = (problem.settings.sweeps, problem.settings.tolerance)
-    population, records, status = run_sweeps(population, level, objective, labels, limits, journal)
-    return LevelResult(population, level, *control, *strengths, records, status)
+    return run_sweeps(population, len(level.basis), objective, labels, limits, callbacks)

@@ -1,15 +1,15 @@
-"""What a correspondence run leaves behind: the common yardstick and one trained model per kind."""
+"""What a correspondence run leaves behind: the shared metric and one trained model per kind."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from ostiform.correspondence.alignment import AlignmentMode
+from ostiform.correspondence.checkpoint import LevelStatus, SweepRecord
 from ostiform.correspondence.control_points import ControlPoints
-from ostiform.correspondence.description_length import QuadraticForm
-from ostiform.correspondence.shape_step import WarpLevel
-from ostiform.correspondence.sweeps import LevelStatus, SweepRecord
+from ostiform.correspondence.frozen import FrozenModel
 from ostiform.correspondence.types import Correspondence
+from ostiform.correspondence.warp import Warps
 from ostiform.domain import BaseDomain, Template
 
 Kind = Literal["conformal", "euclidean", "optimal"]
@@ -17,14 +17,14 @@ KINDS: tuple[Kind, ...] = ("conformal", "euclidean", "optimal")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Yardstick:
+class SharedMetric:
     """What the three models of a comparison share, fixed from the conformal sampling (design 6).
 
     Attributes
     ----------
     domain : BaseDomain
     template : Template
-        The optimal model's has its points elsewhere; see `spreading`.
+        The optimal model's has its points elsewhere; see `lloyd`.
     weights : (P,) float64
         Mean area share of each point over the conformally sampled shapes, sum 1.
     noise_mm : float
@@ -53,24 +53,18 @@ class Yardstick:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainedCorrespondence:
-    """One of the three models of the paper: its correspondence and what places further shapes.
+    """One of the three models of the paper: its correspondence, the warps, what places others.
 
     Attributes
     ----------
     kind : {"conformal", "euclidean", "optimal"}
     correspondence : Correspondence
-        Scored by the yardstick's weights and alignment.
-    yardstick : Yardstick
-    mean : (P, 3) float64, mm
-        Of the aligned shapes.
-    eigenvalues, modes : (R,) and (R, 3P) float64
-        Those above l_cut of the covariance of the sqrt(weight)-scaled aligned shapes: the
-        spectral factors of W.
-    levels : tuple of WarpLevel
-        Through which a further shape's warp is composed; empty for the conformal kind.
-    forms : tuple of QuadraticForm
-        What a further shape minimises at each level, at the optimiser's Q points: the distance to
-        the mean at level 1, ``y^T W y`` after.
+        Scored by the shared metric's weights and alignment.
+    shared_metric : SharedMetric
+    frozen : FrozenModel
+        What places further shapes.
+    warps : Warps
+        Of its shapes, from the points of the template to the directions of the correspondence.
     history : tuple of SweepRecord
     statuses : tuple of LevelStatus
         How each level ended.
@@ -83,12 +77,9 @@ class TrainedCorrespondence:
 
     kind: Kind
     correspondence: Correspondence
-    yardstick: Yardstick
-    mean: FloatArray
-    eigenvalues: FloatArray
-    modes: FloatArray
-    levels: tuple[WarpLevel, ...]
-    forms: tuple[QuadraticForm, ...]
+    shared_metric: SharedMetric
+    frozen: FrozenModel
+    warps: Warps
     history: tuple[SweepRecord, ...]
     statuses: tuple[LevelStatus, ...]
     coherence: float

@@ -65,7 +65,7 @@ class ResidueComparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """One model against another of the same shapes, on the same yardstick.
+    """One model against another of the same shapes, on the same shared metric.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def compare(model: Evaluation, other: Evaluation) -> Comparison:
     Raises
     ------
     InputError
-        If the two were not evaluated on the same shapes, folds and yardstick.
+        If the two were not evaluated on the same shapes, folds and shared metric.
     """
     if model.ids != other.ids or model.l_cut != other.l_cut:
         raise InputError(

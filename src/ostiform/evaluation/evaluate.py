@@ -44,7 +44,7 @@ def evaluate_model(  # noqa: PLR0913 (evidence of many kinds is gathered)
     originals : sequence of OriginalMesh
         Of all shapes, in study order.
     l_cut : float, mm^2
-        Of the yardstick that the models of a comparison share.
+        Of the shared metric that the models of a comparison share.
     seed : int
         For the random shapes of the specificity: the same for the models of a comparison.
     generalisation : Generalisation, optional

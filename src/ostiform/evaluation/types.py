@@ -26,9 +26,9 @@ class Evaluation:
         The N shapes.
     compactness : Compactness
     description_length : float
-        On the yardstick that the models of a comparison share.
+        On the shared metric that the models of a comparison share.
     l_cut : float, mm^2
-        Of that yardstick.
+        Of that shared metric.
     specificity : Specificity
     coverage : tuple of Coverage
         Of each shape.

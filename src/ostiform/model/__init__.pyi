@@ -69,6 +69,10 @@ from .trajectories import fourier_design as fourier_design
 from .trajectories import interpolation_errors as interpolation_errors
 from .types import ShapeModel as ShapeModel
 from .types import StoredModel as StoredModel
+from .warps_file import read_frozen as read_frozen
+from .warps_file import read_warp as read_warp
+from .warps_file import read_warps as read_warps
+from .warps_file import write_warps as write_warps
 from .widening import Kernel as Kernel
 from .widening import Widened as Widened
 from .widening import kernel_values as kernel_values

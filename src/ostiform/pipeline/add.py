@@ -1,28 +1,25 @@
 """Further shapes in a finished model: embedded, placed and analysed, the others left as they are.
 
 Artifacts, in a new folder: ``correspondence.h5`` and ``model.h5`` (both also in ``optimal/``),
-``shapes/`` and ``embeddings/`` of the new shapes, ``scores.csv``, ``volumes.csv``,
+``warps.h5``, ``shapes/`` and ``embeddings/`` of the new shapes, ``scores.csv``, ``volumes.csv``,
 ``domain.json``, ``correspondence.json``, ``failed.json`` and ``added.json``.
 """
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray
 from ostiform.correspondence import (
     Correspondence,
     Placed,
-    TrainedCorrespondence,
     place,
     sampler,
-    trained_from,
+    side_by_side,
 )
-from ostiform.embedding import Embedding
 from ostiform.errors import InputError
 from ostiform.evaluation import OriginalMesh, part_volumes, shape_coverage
 from ostiform.exchange import write_scores_csv, write_volumes_csv
@@ -31,11 +28,15 @@ from ostiform.model import (
     fit_model,
     mesh_of_template,
     project,
+    read_frozen,
+    read_warps,
     reconstruct,
     write_correspondence,
     write_model,
+    write_warps,
 )
 from ostiform.pipeline.arrays_file import write_embeddings, write_shape
+from ostiform.pipeline.correspond import WARPS
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.events import Note, Progress, Tell
 from ostiform.pipeline.finished import (
@@ -45,6 +46,7 @@ from ostiform.pipeline.finished import (
     new_entries,
     read_named,
 )
+from ostiform.pipeline.landmarks import stated_marks
 from ostiform.pipeline.prepare import shape_artifact
 from ostiform.pipeline.store import Store, key_of, slug
 from ostiform.study import (
@@ -147,8 +149,15 @@ def add_shapes(
     key = key_of("added", str(results.resolve()), [str(entry.id) for entry in entries])
     shapes = read_named(study, finished, entries)
     embeddings = embedded_in(study, finished, shapes)
-    placed, trained = _placed(finished, shapes, embeddings, watch)
-    correspondence, stored, residues = _refitted(finished.correspondence, shapes, placed, trained)
+    frozen = read_frozen(results / WARPS)
+    ids = [shape.id for shape in shapes]
+    samplers = [
+        replace(sampler(own, finished.domain), marks=marks)
+        for own, marks in zip(embeddings, stated_marks(study, ids), strict=True)
+    ]
+    placed = place(samplers, ids, frozen)
+    watch(Note(f"placed {len(ids)} shapes"))
+    correspondence, stored, residues = _refitted(finished.correspondence, ids, placed)
     added = tuple(
         AddedShape(
             shape.id.subject,
@@ -164,59 +173,21 @@ def add_shapes(
         with store.writing(embedding_artifact(slug(shape.id)), key) as path:
             write_embeddings(path, own)
     _write(store, key, finished, correspondence, stored)
+    warps = side_by_side(read_warps(results / WARPS), placed.warps)
+    with store.writing(WARPS, key) as path:
+        write_warps(
+            path, replace(frozen, ids=warps.ids, transforms=correspondence.transforms), warps
+        )
     addition = Addition(output, len(finished.correspondence.ids), len(correspondence.ids), added)
     store.write_json("added.json", key, {"results": str(results.resolve()), **addition.as_json()})
     watch(Progress("add", len(entries), len(entries)))
     return addition
 
 
-def _placed(
-    finished: FinishedModel,
-    shapes: Sequence[Shape],
-    embeddings: Sequence[tuple[Embedding, ...]],
-    tell: Tell,
-) -> tuple[Placed, TrainedCorrespondence]:
-    trained = trained_from(
-        finished.correspondence,
-        finished.domain,
-        finished.settings,
-        finished.noise_mm,
-        finished.l_cut,
-    )
-    samplers = [sampler(own, finished.domain) for own in embeddings]
-    count = len(trained.mean)
-    directions = np.empty((len(shapes), count, 3))
-    points, transforms = np.empty_like(directions), np.empty((len(shapes), 4, 4))
-    subjects = [shape.id.subject for shape in shapes]
-    for subject in dict.fromkeys(subjects):
-        own_shapes = [index for index, name in enumerate(subjects) if name == subject]
-        result = place(
-            [samplers[index] for index in own_shapes],
-            trained,
-            jointly=finished.settings.per == "subject",
-            transform=_known_transform(finished, subject),
-        )
-        directions[own_shapes] = result.directions
-        points[own_shapes] = result.points
-        transforms[own_shapes] = result.transforms
-        tell(Note(f"placed {subject}: {len(own_shapes)} shapes"))
-    return Placed(directions, points, transforms), trained
-
-
-def _known_transform(finished: FinishedModel, subject: str) -> FloatArray | None:
-    if finished.settings.per == "subject":
-        for index, id in enumerate(finished.correspondence.ids):
-            if id.subject == subject:
-                transform: FloatArray = finished.correspondence.transforms[index]
-                return transform
-    return None
-
-
 def _refitted(
     before: Correspondence,
-    shapes: Sequence[Shape],
+    new: Sequence[ShapeId],
     placed: Placed,
-    trained: TrainedCorrespondence,
 ) -> tuple[Correspondence, StoredModel, list[float]]:
     linear = placed.transforms[:, None, :3, :3]
     aligned = (linear @ placed.points[..., None])[..., 0] + placed.transforms[:, None, :3, 3]
@@ -224,9 +195,9 @@ def _refitted(
     old = fit_model(before.aligned, before.weights, mesh)
     left = aligned - reconstruct(old, project(old, aligned))  # (n, P, 3)
     residues = np.sqrt((left**2).sum(axis=2) @ before.weights)
-    ids: tuple[ShapeId, ...] = (*before.ids, *(shape.id for shape in shapes))
+    ids: tuple[ShapeId, ...] = (*before.ids, *new)
     after = Correspondence(
-        template=trained.yardstick.template,
+        template=before.template,
         ids=ids,
         directions=np.concatenate([before.directions, placed.directions]),
         points=np.concatenate([before.points, placed.points]),

@@ -14,9 +14,10 @@ import numpy as np
 
 from ostiform.arrays import IntArray
 from ostiform.correspondence import (
-    LevelState,
+    Checkpoint,
     LevelStatus,
     Population,
+    Steps,
     SweepRecord,
     WarpState,
 )
@@ -118,7 +119,7 @@ def read_embeddings(path: Path) -> tuple[Embedding, ...]:
         )
 
 
-def write_level_state(path: Path, state: LevelState) -> None:
+def write_checkpoint(path: Path, state: Checkpoint) -> None:
     """Write where the sweeps of a level stand; every bit is kept."""
     states = state.population.states
     arrays = {
@@ -126,9 +127,11 @@ def write_level_state(path: Path, state: LevelState) -> None:
         "landmarks": state.population.landmarks,
         "damping": np.array([one.damping for one in states]),
         "transforms": state.population.transforms,
+        "coefficients": state.steps.coefficients,
+        "fastest": state.steps.fastest,
     }
     facts = {
-        "kind": "level state",
+        "kind": "checkpoint",
         "level": state.level,
         "records": [asdict(record) for record in state.records],
         "status": None if state.status is None else state.status.name,
@@ -136,24 +139,25 @@ def write_level_state(path: Path, state: LevelState) -> None:
     _write(path, arrays, facts)
 
 
-def read_level_state(path: Path) -> LevelState:
-    """Read what `write_level_state` wrote.
+def read_checkpoint(path: Path) -> Checkpoint:
+    """Read what `write_checkpoint` wrote.
 
     Raises
     ------
     ArtifactError
         If the file is missing, damaged or of another kind.
     """
-    with _reading(path, "level state") as (arrays, facts):
+    with _reading(path, "checkpoint") as (arrays, facts):
         columns = (arrays["directions"], arrays["landmarks"], arrays["damping"])
         states = tuple(
             # Arrays of their own, as sweeps make them: views could be summed in another order.
             WarpState(directions.copy(), landmarks.copy(), float(damping))
             for directions, landmarks, damping in zip(*columns, strict=True)
         )
-        return LevelState(
+        return Checkpoint(
             int(facts["level"]),
             Population(states, arrays["transforms"].copy()),
+            Steps(arrays["coefficients"], arrays["fastest"]),
             tuple(SweepRecord(**record) for record in facts["records"]),
             None if facts["status"] is None else LevelStatus[facts["status"]],
         )

@@ -1,8 +1,8 @@
 """Stage 3: the template of the population and its three correspondences (HY 2.2, 2.3).
 
 Artifacts: ``KIND/correspondence.h5`` for the conformal, minimum-Euclidean and optimal model,
-``correspondence.h5`` (the optimal one's) and ``correspondence.json`` (how the run went). While the
-sweeps go on, where they stand is kept in ``unfinished/``.
+``correspondence.h5`` and ``warps.h5`` (the optimal one's) and ``correspondence.json`` (how the run
+went). While the sweeps go on, where they stand is kept in ``unfinished/``.
 """
 
 import shutil
@@ -19,11 +19,11 @@ from ostiform.correspondence import (
     LevelStatus,
     SweepRecord,
     TrainedCorrespondence,
-    build_yardstick,
+    build_shared_metric,
     correspond,
 )
 from ostiform.errors import InputError
-from ostiform.model import write_correspondence
+from ostiform.model import write_correspondence, write_warps
 from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.events import Note, Progress, Warn
 from ostiform.pipeline.landmarks import landmark_inputs, stated_marks
@@ -35,6 +35,7 @@ from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
 
 FACTS = "correspondence.json"
+WARPS = "warps.h5"
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,15 +78,15 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
     )
     unfinished = Unfinished(run.store, "correspondence", key)
     artifacts = [f"{kind}/correspondence.h5" for kind in KINDS]
-    if not all(run.store.is_current(name, key) for name in [*artifacts, FACTS]):
+    if not all(run.store.is_current(name, key) for name in [*artifacts, WARPS, FACTS]):
         marks = stated_marks(run.study, ids)
         shapes = stored_shapes(run, embedded.ready, prepared.domain, marks)
         poses = prepared.poses[list(embedded.index)]
         total = settings.levels * settings.sweeps
         run.tell(Progress("correspond", 0, total))
-        begun = unfinished.begun()
-        if begun:
-            level, sweep = begun[-1].level, begun[-1].sweeps
+        resumed = unfinished.checkpoints()
+        if resumed:
+            level, sweep = resumed[-1].level, resumed[-1].sweeps
             run.tell(Note(f"correspond: goes on after level {level} sweep {sweep}"))
 
         def tell(record: SweepRecord) -> None:
@@ -93,13 +94,15 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
             detail = f"level {record.level} sweep {record.sweep}: {record.objective:.5g}"
             run.tell(Progress("correspond", min(done, total - 1), total, detail))
 
-        yardstick = build_yardstick(shapes, ids, prepared.domain, poses, settings)
+        shared_metric = build_shared_metric(shapes, ids, prepared.domain, poses, settings)
         trained = correspond(
-            shapes, ids, yardstick, settings, tell, begun=begun, keep=unfinished.keep
+            shapes, ids, shared_metric, settings, tell, resumed=resumed, save=unfinished.save
         )
         for kind in KINDS:
             with run.store.writing(f"{kind}/correspondence.h5", key) as path:
                 write_correspondence(path, trained[kind].correspondence)
+        with run.store.writing(WARPS, key) as path:
+            write_warps(path, trained["optimal"].frozen, trained["optimal"].warps)
         run.store.write_json(FACTS, key, _facts(trained["optimal"], settings))
         run.tell(Progress("correspond", total, total))
     unfinished.remove()
@@ -146,8 +149,8 @@ def convergence_warning(statuses: Sequence[LevelStatus]) -> str:
 def _facts(trained: TrainedCorrespondence, settings: CorrespondenceSettings) -> dict[str, Any]:
     return {
         "settings": asdict(settings),
-        "l_cut_mm2": trained.yardstick.l_cut,
-        "noise_mm": trained.yardstick.noise_mm,
+        "l_cut_mm2": trained.shared_metric.l_cut,
+        "noise_mm": trained.shared_metric.noise_mm,
         "statuses": [status.value for status in trained.statuses],
         "coherence": trained.coherence,
         "warning": convergence_warning(trained.statuses),

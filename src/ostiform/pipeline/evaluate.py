@@ -17,7 +17,7 @@ from ostiform.correspondence import (
     Correspondence,
     CorrespondenceSettings,
     Kind,
-    build_yardstick,
+    build_shared_metric,
     correspond,
     place,
 )
@@ -235,60 +235,29 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
     training = task.stored.chosen(fold.train)
     ids = [task.shapes[index].id for index in fold.train]
     poses = task.poses[list(fold.train)]
-    yardstick = build_yardstick(training, ids, task.stored.domain, poses, task.settings)
+    shared_metric = build_shared_metric(training, ids, task.stored.domain, poses, task.settings)
     unfinished = _unfinished(task)
     trained = correspond(
         training,
         ids,
-        yardstick,
+        shared_metric,
         task.settings,
-        begun=unfinished.begun(),
-        keep=unfinished.keep,
+        resumed=unfinished.checkpoints(),
+        save=unfinished.save,
     )
-    groups = _groups(task, fold.test)
+    left_out = task.stored.chosen(fold.test)
+    of_test = [task.shapes[index].id for index in fold.test]
     placed = {}
     for kind, model in trained.items():
-        points: dict[int, FloatArray] = {}
-        transforms: dict[int, FloatArray] = {}
-        for group in groups:
-            result = place(
-                [task.stored.at(index) for index in group],
-                model,
-                jointly=task.settings.per == "subject",
-                transform=_known_transform(task, group, model.correspondence),
-            )
-            points.update(zip(group, result.points, strict=True))
-            transforms.update(zip(group, result.transforms, strict=True))
+        result = place(left_out, of_test, model.frozen)
         placed[str(kind)] = PlacedFold(
             model.correspondence.aligned,
             model.correspondence.weights,
             mesh_of_template(model.correspondence.template),
-            np.stack([points[index] for index in fold.test]),
-            np.stack([transforms[index] for index in fold.test]),
+            result.points,
+            result.transforms,
         )
     return placed
-
-
-def _known_transform(
-    task: _FoldTask, group: Sequence[int], training: Correspondence
-) -> FloatArray | None:
-    """Return the transform of a subject that has other phases in the training set."""
-    subject = task.shapes[group[0]].id.subject
-    if task.settings.per == "subject":
-        for index, shape in enumerate(training.ids):
-            if shape.subject == subject:
-                transform: FloatArray = training.transforms[index]
-                return transform
-    return None
-
-
-def _groups(task: _FoldTask, test: Sequence[int]) -> list[list[int]]:
-    """Return the left-out shapes subject by subject."""
-    subjects = list(dict.fromkeys(task.shapes[index].id.subject for index in test))
-    return [
-        [index for index in test if task.shapes[index].id.subject == subject]
-        for subject in subjects
-    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

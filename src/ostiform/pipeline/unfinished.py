@@ -6,8 +6,8 @@ Artifacts: ``unfinished/NAME-level-N.npz``, removed when the stage that they bel
 import time
 from dataclasses import dataclass
 
-from ostiform.correspondence import LevelState
-from ostiform.pipeline.arrays_file import read_level_state, write_level_state
+from ostiform.correspondence import Checkpoint
+from ostiform.pipeline.arrays_file import read_checkpoint, write_checkpoint
 from ostiform.pipeline.store import Store
 
 FOLDER = "unfinished"
@@ -34,24 +34,24 @@ class Unfinished:
     key: str
     _next_write: float = 0.0
 
-    def begun(self) -> tuple[LevelState, ...]:
+    def checkpoints(self) -> tuple[Checkpoint, ...]:
         """Return where an earlier run of this correspondence stood; empty where there was none."""
-        states: list[LevelState] = []
+        states: list[Checkpoint] = []
         while not states or states[-1].status is not None:
             artifact = self._artifact(len(states) + 1)
-            state = self.store.read_current(artifact, self.key, read_level_state)
+            state = self.store.read_current(artifact, self.key, read_checkpoint)
             if state is None:
                 break
             states.append(state)
         return tuple(states)
 
-    def keep(self, state: LevelState) -> None:
+    def save(self, state: Checkpoint) -> None:
         """Write the state at the end of a level, and between where it costs little."""
         start = time.monotonic()
         if state.status is None and start < self._next_write:
             return
         with self.store.writing(self._artifact(state.level), self.key) as path:
-            write_level_state(path, state)
+            write_checkpoint(path, state)
         end = time.monotonic()
         self._next_write = end + REST * (end - start)
 

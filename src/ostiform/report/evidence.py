@@ -333,7 +333,7 @@ def _model_table(evaluations: Mapping[str, Evaluation]) -> Table:
         )
     is_known = next(iter(evaluations.values())).truth is not None
     return Table(
-        "The three models on one yardstick",
+        "The three models on one shared metric",
         (
             "model",
             "total variance (mm²)",

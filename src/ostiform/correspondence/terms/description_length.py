@@ -12,6 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.correspondence.terms.quadratic_form import (
+    QuadraticForm,
+    form_product,
+    no_motions,
+)
 from ostiform.errors import InputError
 
 
@@ -37,38 +42,6 @@ class Spectrum:
         for name in ("mean", "eigenvalues", "modes"):
             array = getattr(self, name)
             object.__setattr__(self, name, frozen_floats(array, (None,) * array.ndim, name))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class QuadraticForm:
-    """The function ``z^T W z`` of a shape, z its deviation from a target scaled by root weights.
-
-    W is never formed: it is `scale` times the identity less ``modes^T diag(gains) modes``, and
-    less ``motions^T diag(shares) motions`` for each of the three coordinates alike.
-
-    Attributes
-    ----------
-    target : (P, 3) float64, mm
-    root_weights : (P,) float64
-    scale : float
-        1 / mm^2.
-    modes : (R, 3P) float64
-        Orthonormal rows; best in Fortran order, as their columns are what a step needs.
-    gains : (R,) float64
-        Between 0 and `scale`.
-    motions : (S, P) float64
-        Orthonormal rows, of one coordinate.
-    shares : (S,) float64
-        Not below 0; with the gains of the modes along a motion at most `scale`.
-    """
-
-    target: FloatArray
-    root_weights: FloatArray
-    scale: float
-    modes: FloatArray
-    gains: FloatArray
-    motions: FloatArray
-    shares: FloatArray
 
 
 def cut_off_eigenvalue(noise_mm: float, n_shapes: int, n_points: int) -> float:
@@ -167,41 +140,5 @@ def majoriser(found: Spectrum, weights: FloatArray, l_cut: float) -> QuadraticFo
         1.0 / l_cut,
         np.asfortranarray(found.modes[strong]),
         gains,
-        *_no_motions(found.mean),
+        *no_motions(found.mean),
     )
-
-
-def euclidean_form(target: FloatArray, weights: FloatArray, variance: float) -> QuadraticForm:
-    """Return the weighted squared distance to a target in units of a variance (mm^2)."""
-    return QuadraticForm(
-        target,
-        np.sqrt(weights),
-        1.0 / variance,
-        np.zeros((0, 3 * len(target))),
-        np.zeros(0),
-        *_no_motions(target),
-    )
-
-
-def form_value(form: QuadraticForm, shape: FloatArray) -> float:
-    """Return ``z^T W z`` of a shape (P, 3) in the target's frame, mm."""
-    deviation = (shape - form.target) * form.root_weights[:, None]  # (P, 3)
-    scaled = deviation.ravel()  # (3P,)
-    scores = form.modes @ scaled  # (R,)
-    along = form.motions @ deviation  # (S, 3)
-    explained = form.gains @ scores**2 + form.shares @ (along**2).sum(axis=1)
-    return float(form.scale * (scaled @ scaled) - explained)
-
-
-def form_product(form: QuadraticForm, shape: FloatArray) -> FloatArray:
-    """Return ``W z`` (P, 3) of a shape (P, 3): half the derivative by z, the scaled deviation."""
-    deviation = (shape - form.target) * form.root_weights[:, None]  # (P, 3)
-    scaled = deviation.ravel()  # (3P,)
-    product = form.scale * scaled - (form.gains * (form.modes @ scaled)) @ form.modes
-    along = form.shares[:, None] * (form.motions @ deviation)  # (S, 3)
-    shaped: FloatArray = product.reshape(-1, 3) - form.motions.T @ along
-    return shaped
-
-
-def _no_motions(target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return np.zeros((0, len(target))), np.zeros(0)

@@ -14,6 +14,8 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.correspondence.sampling import ShapeSampler, SurfaceMarks, pull_back
 from ostiform.correspondence.shapes import GivenShapes, as_shapes
+from ostiform.correspondence.state import Linearised, WarpState
+from ostiform.correspondence.terms.term import System
 from ostiform.domain import Template
 from ostiform.errors import InputError
 from ostiform.surface import closest_points, normalised, surface_tree
@@ -55,6 +57,17 @@ class LandmarkTerm:
     barycentric: FloatArray
     positions: FloatArray
     precisions: FloatArray
+
+    def value(self, state: WarpState, transform: FloatArray) -> float:
+        """Return the term of a shape; it is measured in input coordinates."""
+        squares = (_residuals(self, state.landmarks) ** 2).sum(axis=1)
+        return float(self.precisions @ squares)
+
+    def system(self, at: Linearised) -> System:
+        """Return the term's gradient and Gauss-Newton matrix about a state."""
+        rows = _jacobian_rows(self, at)  # (3L, D)
+        residuals = np.sqrt(self.precisions)[:, None] * _residuals(self, at.state.landmarks)
+        return System(residuals.ravel() @ rows, rows.T @ rows)
 
 
 def template_marks(shapes: GivenShapes, coarse: Template) -> TemplateMarks | None:
@@ -108,42 +121,16 @@ def landmark_term(marks: TemplateMarks | None, own: SurfaceMarks | None) -> Land
     )
 
 
-def landmark_value(term: LandmarkTerm | None, points: FloatArray) -> float:
-    """Return the term of a shape sampled at the optimiser's points (Q, 3), input coordinates."""
-    if term is None:
-        return 0.0
-    return float(term.precisions @ (_residuals(term, points) ** 2).sum(axis=1))
-
-
-def landmark_force(term: LandmarkTerm, points: FloatArray) -> FloatArray:
-    """Return half the derivative (Q, 3) of the term by the points."""
-    force = np.zeros_like(points)
-    pulls = term.precisions[:, None] * _residuals(term, points)  # (L, 3)
-    np.add.at(force, term.corners, term.barycentric[:, :, None] * pulls[:, None, :])
-    return force
-
-
-def landmark_jacobian_rows(
-    term: LandmarkTerm, starts: IntArray, fields: IntArray, moved: FloatArray, n_fields: int
-) -> FloatArray:
-    """Return the derivative (3L, D) of the weighted residuals by the coefficients of fields.
-
-    Parameters
-    ----------
-    term : LandmarkTerm
-    starts, fields : (Q + 1,) and (A,) int64
-        Active fields of each point.
-    moved : (A, 3) float64
-        How each moves its point, unscaled, in input coordinates.
-    n_fields : int
-    """
-    rows = np.zeros((len(term.corners), 3, n_fields))
+def _jacobian_rows(term: LandmarkTerm, at: Linearised) -> FloatArray:
+    """Return the derivative (3L, D) of the weighted residuals by the coefficients of fields."""
+    starts, fields = at.fields.starts, at.fields.fields
+    rows = np.zeros((len(term.corners), 3, len(at.basis)))
     for mark, (corners, shares) in enumerate(zip(term.corners, term.barycentric, strict=True)):
         for point, share in zip(corners, shares, strict=True):
             active = slice(starts[point], starts[point + 1])
-            rows[mark][:, fields[active]] += share * moved[active].T
+            rows[mark][:, fields[active]] += share * at.moved[active].T
     rows *= np.sqrt(term.precisions)[:, None, None]
-    return rows.reshape(-1, n_fields)
+    return rows.reshape(-1, len(at.basis))
 
 
 def _residuals(term: LandmarkTerm, points: FloatArray) -> FloatArray:

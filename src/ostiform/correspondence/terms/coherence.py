@@ -12,12 +12,12 @@ process, a shape's term is ``strength / radius^2 * z^T (I - B (B + e I)^-1) z`` 
 coordinate: a quadratic form of the kind that the description length is majorised with.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence.description_length import QuadraticForm
+from ostiform.correspondence.terms.quadratic_form import QuadraticForm
 
 # The kernel: Gaussians with these standard deviations in units of the mean's radius (root mean
 # square distance from its centre) and these shares of the variance: mostly whole chambers, some
@@ -104,15 +104,3 @@ def coherence_value(term: Coherence, aligned: FloatArray) -> float:
     explained = np.einsum("r,nrk,nrk->", term.gains, along, along)
     rough = float(np.einsum("nqk,nqk->", scaled, scaled) - explained)
     return term.strength * rough / max(len(aligned) - 1, 1)
-
-
-def joined_forms(first: QuadraticForm, second: QuadraticForm) -> QuadraticForm:
-    """Return the sum of two forms about the target, and with the root weights, of the first."""
-    return replace(
-        first,
-        scale=first.scale + second.scale,
-        modes=np.asfortranarray(np.concatenate([first.modes, second.modes])),
-        gains=np.concatenate([first.gains, second.gains]),
-        motions=np.asfortranarray(np.concatenate([first.motions, second.motions])),
-        shares=np.concatenate([first.shares, second.shares]),
-    )

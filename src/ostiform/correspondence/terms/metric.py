@@ -13,6 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.correspondence.state import Linearised, WarpState
+from ostiform.correspondence.terms.metric_kernels import metric_system
+from ostiform.correspondence.terms.term import System
 from ostiform.domain import Template
 from ostiform.surface import face_areas, unique_edges
 
@@ -37,6 +40,29 @@ class MetricTerm:
     part: IntArray
     reference: FloatArray
     strength: float
+
+    def value(self, state: WarpState, transform: FloatArray) -> float:
+        """Return the term of a shape; rigid motion and size do not count."""
+        if self.strength == 0.0:
+            return 0.0
+        residuals = metric_residuals(self, state.landmarks)
+        return self.strength * float(self.weights @ residuals**2)
+
+    def system(self, at: Linearised) -> System:
+        """Return the term's gradient and Gauss-Newton matrix about a state."""
+        if self.strength == 0.0:
+            return System(np.zeros(len(at.basis)))
+        gradient, matrix = metric_system(
+            at.state.landmarks,
+            self.edges,
+            metric_residuals(self, at.state.landmarks),
+            self.strength * self.weights,
+            at.fields.starts,
+            at.fields.fields,
+            at.moved,
+            len(at.basis),
+        )
+        return System(gradient, matrix)
 
 
 def metric_term(template: Template, mean_shape: FloatArray, strength: float) -> MetricTerm:
@@ -67,13 +93,6 @@ def metric_residuals(term: MetricTerm, shape: FloatArray) -> FloatArray:
     )
     residuals: FloatArray = deviation - means[term.part]
     return residuals
-
-
-def metric_value(term: MetricTerm, shape: FloatArray) -> float:
-    """Return the metric term of a shape (P, 3)."""
-    if term.strength == 0.0:
-        return 0.0
-    return term.strength * float(term.weights @ metric_residuals(term, shape) ** 2)
 
 
 def _log_lengths(term: MetricTerm, shape: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Spreading: the points cover every shape at least as well after the warps as before them.
+"""Lloyd relaxation: the points cover every shape at least as well after the warps as before them.
 
 Warps carry points together here and apart there, and with few points a gap shows. Where on the
 tissue a point lies is free as long as it is the same place in all shapes, so the points are moved
@@ -115,7 +115,7 @@ class Differences:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Rules:
+class _SurveyInputs:
     """What the survey of every shape needs."""
 
     template: Template
@@ -144,12 +144,12 @@ class _Survey:
     metric: FloatArray
 
 
-def spread(
+def relaxed(
     shapes: Shapes, template: Template, circles: FloatArray, directions: FloatArray
 ) -> tuple[Template, FloatArray]:
     """Return the template and the points of all shapes, moved together to cover every shape.
 
-    They stay where they are if they cover the shapes well enough.
+    They stay where they are if they cover the shapes well enough: then it is the given template.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def spread(
         N.
     template : Template
     circles : (K, 8) float64
-        See `warps.circle_table`.
+        See `fields.circle_table`.
     directions : (N, P, 3) float64
         Where the warps have put the template's points.
 
@@ -166,14 +166,15 @@ def spread(
     template : Template
         The same triangles, other points.
     directions : (N, P, 3) float64
+        To first order, as affine combinations of what was given; the warps have the last word.
     """
     start = _template_coverage(shapes, template)
     first = moved = best = template, directions
     least = np.inf
     for number in range(1, ROUNDS + 1):
         differences = differences_of(moved[0], circles)
-        rules = _Rules(moved[0], differences, start)
-        surveys = shapes.each(_surveyed, list(moved[1]), rules)
+        inputs = _SurveyInputs(moved[0], differences, start)
+        surveys = shapes.each(_surveyed, list(moved[1]), inputs)
         reached = _joined([survey.coverage for survey in surveys]).over(start)
         if reached < least:
             least, best = reached, moved
@@ -240,8 +241,8 @@ def _middles(shape: ShapeSampler) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _surveyed(shape: ShapeSampler, directions: FloatArray, rules: _Rules) -> _Survey:
-    template, start = rules.template, rules.start
+def _surveyed(shape: ShapeSampler, directions: FloatArray, inputs: _SurveyInputs) -> _Survey:
+    template, start = inputs.template, inputs.start
     points = sample(shape, template, directions)
     vertices, areas = _vertices(shape)
     middles, of_middles = _middles(shape)
@@ -262,7 +263,7 @@ def _surveyed(shape: ShapeSampler, directions: FloatArray, rules: _Rules) -> _Su
     offsets = np.concatenate([places, np.repeat(vertices, 3, axis=0)]) - points[index]
     count = len(points)
     pulls = [np.bincount(index, weights * offsets[:, axis], count) for axis in range(3)]
-    along = rules.differences.of(points)  # (P, 3, 2)
+    along = inputs.differences.of(points)  # (P, 3, 2)
     return _Survey(
         coverage=_coverage(found.distances, areas, reaches[: len(vertices)]),
         weight=np.asarray(np.bincount(index, weights, count), np.float64),
@@ -298,21 +299,32 @@ def _stepped(
             _carried(own, template.curve, differences, motion, circles)
             for own in (template.points, *directions)
         )
-        squeezed = _squeezed(first[0], points)
-        for before, after in zip(first[1], others, strict=True):
-            squeezed |= _squeezed_corners(template.faces, before, after)
+        squeezed = squeezed_points(first, (points, np.stack(others)))
         if not squeezed.any():
             return replace(template, points=points), np.stack(others)
         motion = np.where(squeezed[:, None], 0.0, motion)
     return moved
 
 
-def _squeezed(first: Template, points: FloatArray) -> BoolArray:
-    """Return which points are corners of squeezed triangles of a template, of all its levels."""
-    squeezed = _squeezed_corners(first.faces, first.points, points)
-    for level in first.levels:
-        own = _squeezed_corners(level.faces, first.points[level.index], points[level.index])
+def squeezed_points(
+    first: tuple[Template, FloatArray], moved: tuple[FloatArray, FloatArray]
+) -> BoolArray:
+    """Return which points (P,) are corners of triangles that a motion has squeezed.
+
+    Parameters
+    ----------
+    first : (Template, (N, P, 3) float64)
+        The template, of which all levels count, and the directions on the shapes.
+    moved : ((P, 3) float64, (N, P, 3) float64)
+        The points of the template and the directions after the motion.
+    """
+    template, points = first[0], moved[0]
+    squeezed = _squeezed_corners(template.faces, template.points, points)
+    for level in template.levels:
+        own = _squeezed_corners(level.faces, template.points[level.index], points[level.index])
         squeezed[level.index] |= own
+    for before, after in zip(first[1], moved[1], strict=True):
+        squeezed |= _squeezed_corners(template.faces, before, after)
     return squeezed
 
 
@@ -353,7 +365,7 @@ def differences_of(template: Template, circles: FloatArray) -> Differences:
     ----------
     template : Template
     circles : (K, 8) float64
-        See `warps.circle_table`.
+        See `fields.circle_table`.
     """
     frames = _tangents(template.points)
     count = len(template.points)

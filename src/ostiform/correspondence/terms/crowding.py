@@ -7,12 +7,16 @@ of the template's pushes back: the term is ``strength * sum_t log(share_t / room
 share_t the ratio of the determinants, and infinite where a triangle is turned over.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.correspondence.assembly_kernels import determinant_derivatives
 from ostiform.correspondence.field_kernels import active_fields, determinants, field_vectors
-from ostiform.correspondence.warps import FieldBasis, orientation_shares
+from ostiform.correspondence.fields import FieldBasis, orientation_shares
+from ostiform.correspondence.state import Linearised, WarpState
+from ostiform.correspondence.terms.term import System
 from ostiform.domain import Template
 
 STRENGTH = 3.0
@@ -21,13 +25,32 @@ ROOMY = 0.5
 """Share of a triangle's initial determinant above which the term does not see it."""
 
 
-def crowding_value(template: Template, directions: FloatArray) -> float:
-    """Return the crowding term of a template whose points are at directions (P, 3)."""
-    shares = orientation_shares(template, directions)
-    crowded = shares[shares < ROOMY]
-    if crowded.min(initial=ROOMY) <= 0.0:
-        return np.inf
-    return STRENGTH * float((np.log(crowded / ROOMY) ** 2).sum())
+@dataclass(frozen=True, slots=True, eq=False)
+class Crowding:
+    """The term of a template's triangles.
+
+    Attributes
+    ----------
+    template : Template
+        Of all P points.
+    """
+
+    template: Template
+
+    def value(self, state: WarpState, transform: FloatArray) -> float:
+        """Return the term of a shape; no alignment enters."""
+        shares = orientation_shares(self.template, state.directions)
+        crowded = shares[shares < ROOMY]
+        if crowded.min(initial=ROOMY) <= 0.0:
+            return np.inf
+        return STRENGTH * float((np.log(crowded / ROOMY) ** 2).sum())
+
+    def system(self, at: Linearised) -> System:
+        """Return the term's gradient and Gauss-Newton matrix; no triangle is turned over."""
+        residuals, slopes = crowding_residuals(at.basis, self.template, at.state.directions)
+        if not len(residuals):
+            return System(np.zeros(len(at.basis)))
+        return System(residuals @ slopes, slopes.T @ slopes)
 
 
 def crowding_residuals(
@@ -55,9 +78,9 @@ def crowding_residuals(
     corners, local = np.unique(template.faces[crowded], return_inverse=True)
     points = directions[corners]
     sphere, curve = template.sphere[corners], template.curve[corners]
-    starts, fields = active_fields(points, sphere, basis.numbers, basis.labels, 0.0)
+    starts, fields = active_fields(points, sphere, basis.table, basis.labels, 0.0)
     vectors = field_vectors(
-        points, sphere, curve, starts, fields, basis.numbers, basis.labels, basis.circles
+        points, sphere, curve, starts, fields, basis.table, basis.labels, basis.circles
     )
     local = local.reshape(-1, 3)
     slopes = determinant_derivatives(points, local, starts, fields, vectors, len(basis))

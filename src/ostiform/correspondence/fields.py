@@ -1,6 +1,7 @@
 """Warps of the component spheres: smooth fields tangent to the circles, and flows (HY 2.3)."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -31,13 +32,25 @@ CLEAR_OF_OTHERS = 0.9
 LONGEST_SUBSTEP = 0.05
 
 
+class OnSpheres(Protocol):
+    """Points of which it is known on which sphere and which circle they lie, as of a `Template`."""
+
+    @property
+    def sphere(self) -> IntArray:
+        """Component sphere of each point, (P,)."""
+
+    @property
+    def curve(self) -> IntArray:
+        """Row of the circle that each point lies on, (P,); -1 in the interior."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldBasis:
     """D smooth tangent vector fields on the component spheres, tangent to every circle.
 
     Attributes
     ----------
-    numbers : (D, 12) float64
+    table : (D, 12) float64
         Geometry of each field; see `field_kernels`.
     labels : (D, 4) int64
         Kind (bump, rotation, boost, twist), component sphere, control points on the circle of a
@@ -48,22 +61,22 @@ class FieldBasis:
         The circles in the order of `Template.curves`; see `circle_table`.
     """
 
-    numbers: FloatArray
+    table: FloatArray
     labels: IntArray
     control: IntArray
     circles: FloatArray
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
-        object.__setattr__(self, "numbers", frozen_floats(self.numbers, (None, 12), "fields"))
-        count = len(self.numbers)
+        object.__setattr__(self, "table", frozen_floats(self.table, (None, 12), "fields"))
+        count = len(self.table)
         object.__setattr__(self, "labels", frozen_ints(self.labels, (count, 4), "field labels"))
         object.__setattr__(self, "control", frozen_ints(self.control, (count,), "field control"))
         object.__setattr__(self, "circles", frozen_floats(self.circles, (None, 8), "circles"))
 
     def __len__(self) -> int:
         """Return the number D of fields."""
-        return len(self.numbers)
+        return len(self.table)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,13 +151,13 @@ def global_fields(circles: FloatArray, sphere: int) -> FieldBasis:
     Near the circles their normal component is cut off like that of every field; on a component
     without circles the rotations are exact.
     """
-    numbers = np.zeros((6, 12))
-    numbers[:3, 3:6] = np.eye(3)
-    numbers[3:, 3:6] = np.eye(3)
+    table = np.zeros((6, 12))
+    table[:3, 3:6] = np.eye(3)
+    table[3:, 3:6] = np.eye(3)
     labels = np.zeros((6, 4), np.int64)
     labels[:3, 0], labels[3:, 0] = ROTATION, BOOST
     labels[:, 1] = sphere
-    return FieldBasis(numbers, labels, np.full(6, -1), circles)
+    return FieldBasis(table, labels, np.full(6, -1), circles)
 
 
 def bump_fields(
@@ -169,16 +182,16 @@ def bump_fields(
     control : (C,) int64
         Index of each control point.
     """
-    numbers = np.zeros((2 * len(centers), 12))
+    table = np.zeros((2 * len(centers), 12))
     labels = np.zeros((2 * len(centers), 4), np.int64)
     for row, center in enumerate(centers):
         first, second = tangent_frame(center)
         for side, direction in enumerate((first, second)):
-            numbers[2 * row + side, :9] = (*center, *direction, *first)
-            numbers[2 * row + side, 9] = supports[row]
+            table[2 * row + side, :9] = (*center, *direction, *first)
+            table[2 * row + side, 9] = supports[row]
     labels[:, 0], labels[:, 1] = BUMP, np.repeat(sphere, 2)
     labels[1::2, 3] = 1
-    return FieldBasis(numbers, labels, np.repeat(control, 2), circles)
+    return FieldBasis(table, labels, np.repeat(control, 2), circles)
 
 
 def twist_fields(
@@ -203,44 +216,44 @@ def twist_fields(
     """
     center, radius = circles[circle, :3], circles[circle, 3]
     first, _ = tangent_frame(center)
-    numbers = np.zeros((len(angles), 12))
-    numbers[:, 0:3], numbers[:, 6:9] = center, first
-    numbers[:, 9], numbers[:, 10], numbers[:, 11] = support, angles, radius
+    table = np.zeros((len(angles), 12))
+    table[:, 0:3], table[:, 6:9] = center, first
+    table[:, 9], table[:, 10], table[:, 11] = support, angles, radius
     labels = np.zeros((len(angles), 4), np.int64)
     labels[:, 0], labels[:, 1], labels[:, 2] = TWIST, int(circles[circle, 7]), len(angles)
     labels[1:, 3] = 1
-    return FieldBasis(numbers, labels, control, circles)
+    return FieldBasis(table, labels, control, circles)
 
 
 def join_fields(bases: list[FieldBasis], circles: FloatArray) -> FieldBasis:
     """Return all fields of several bases as one."""
     return FieldBasis(
-        np.concatenate([np.zeros((0, 12)), *(basis.numbers for basis in bases)]),
+        np.concatenate([np.zeros((0, 12)), *(basis.table for basis in bases)]),
         np.concatenate([np.zeros((0, 4), np.int64), *(basis.labels for basis in bases)]),
         np.concatenate([np.zeros(0, np.int64), *(basis.control for basis in bases)]),
         circles,
     )
 
 
-def active(basis: FieldBasis, template: Template, directions: FloatArray) -> ActiveFields:
+def active(basis: FieldBasis, places: OnSpheres, directions: FloatArray) -> ActiveFields:
     """Return the basis fields at points: the derivative of the flow at zero coefficients.
 
     Parameters
     ----------
     basis : FieldBasis
-    template : Template
-        Says on which sphere and circle each point lies.
+    places : OnSpheres
+        On which sphere and circle each point lies.
     directions : (P, 3) float64
         Current positions, unit vectors.
     """
-    starts, fields = active_fields(directions, template.sphere, basis.numbers, basis.labels, 0.0)
+    starts, fields = active_fields(directions, places.sphere, basis.table, basis.labels, 0.0)
     vectors = field_vectors(
         directions,
-        template.sphere,
-        template.curve,
+        places.sphere,
+        places.curve,
         starts,
         fields,
-        basis.numbers,
+        basis.table,
         basis.labels,
         basis.circles,
     )
@@ -249,7 +262,7 @@ def active(basis: FieldBasis, template: Template, directions: FloatArray) -> Act
 
 def flow(
     basis: FieldBasis,
-    template: Template,
+    places: OnSpheres,
     directions: FloatArray,
     coefficients: FloatArray,
     *,
@@ -263,7 +276,7 @@ def flow(
     Parameters
     ----------
     basis : FieldBasis
-    template : Template
+    places : OnSpheres
     directions : (P, 3) float64
         Unit vectors.
     coefficients : (D,) float64
@@ -279,20 +292,20 @@ def flow(
     """
     merged, amplitudes = _merged(basis, np.asarray(coefficients, dtype=np.float64))
     if fastest is None:
-        fastest = _greatest(_rates(merged, template, directions, amplitudes))
+        fastest = _greatest(_rates(merged, places, directions, amplitudes))
     count = steps or max(1, int(np.ceil(fastest / LONGEST_SUBSTEP)))
     # Points speed up on the way, as fields vary over their support, but not beyond twice.
     starts, fields = active_fields(
-        directions, template.sphere, merged.numbers, merged.labels, min(2.0 * fastest, np.pi)
+        directions, places.sphere, merged.table, merged.labels, min(2.0 * fastest, np.pi)
     )
     moved: FloatArray = flow_points(
         directions,
-        template.sphere,
-        template.curve,
+        places.sphere,
+        places.curve,
         starts,
         fields,
         amplitudes,
-        merged.numbers,
+        merged.table,
         merged.labels,
         merged.circles,
         count,
@@ -301,11 +314,11 @@ def flow(
 
 
 def fastest_point(
-    basis: FieldBasis, template: Template, directions: FloatArray, coefficients: FloatArray
+    basis: FieldBasis, places: OnSpheres, directions: FloatArray, coefficients: FloatArray
 ) -> float:
     """Return the greatest speed, radians per unit time, at points (P, 3)."""
     merged, amplitudes = _merged(basis, coefficients)
-    rates = _rates(merged, template, directions, amplitudes)
+    rates = _rates(merged, places, directions, amplitudes)
     return _greatest(rates)
 
 
@@ -334,14 +347,14 @@ def _merged(basis: FieldBasis, coefficients: FloatArray) -> tuple[FieldBasis, Fl
     is_second = (basis.labels[:, 0] == BUMP) & (basis.labels[:, 3] == 1)
     second = np.flatnonzero(is_second)
     first = second - 1
-    numbers, amplitudes = basis.numbers.copy(), coefficients.copy()
-    numbers[first, 3:6] = (
-        coefficients[first, None] * numbers[first, 3:6]
-        + coefficients[second, None] * numbers[second, 3:6]
+    table, amplitudes = basis.table.copy(), coefficients.copy()
+    table[first, 3:6] = (
+        coefficients[first, None] * table[first, 3:6]
+        + coefficients[second, None] * table[second, 3:6]
     )
     amplitudes[first] = 1.0
     kept = ~is_second
-    merged = FieldBasis(numbers[kept], basis.labels[kept], basis.control[kept], basis.circles)
+    merged = FieldBasis(table[kept], basis.labels[kept], basis.control[kept], basis.circles)
     return merged, amplitudes[kept]
 
 
@@ -350,17 +363,17 @@ def _greatest(rates: FloatArray) -> float:
 
 
 def _rates(
-    merged: FieldBasis, template: Template, directions: FloatArray, amplitudes: FloatArray
+    merged: FieldBasis, places: OnSpheres, directions: FloatArray, amplitudes: FloatArray
 ) -> FloatArray:
-    starts, fields = active_fields(directions, template.sphere, merged.numbers, merged.labels, 0.0)
+    starts, fields = active_fields(directions, places.sphere, merged.table, merged.labels, 0.0)
     rates: FloatArray = velocities(
         directions,
-        template.sphere,
-        template.curve,
+        places.sphere,
+        places.curve,
         starts,
         fields,
         amplitudes,
-        merged.numbers,
+        merged.table,
         merged.labels,
         merged.circles,
     )

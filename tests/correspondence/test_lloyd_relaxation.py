@@ -1,13 +1,13 @@
-"""Points spread over the shapes: no shape is covered worse, and nothing else changes."""
+"""Lloyd relaxation over the shapes: no shape is covered worse, and nothing else changes."""
 
 import numpy as np
 import pytest
 
-from ostiform.correspondence import spreading
+from ostiform.correspondence import lloyd
+from ostiform.correspondence.fields import circle_table, flow, global_fields, orientation_share
+from ostiform.correspondence.lloyd import Coverage, differences_of, relaxed
 from ostiform.correspondence.sampling import sample
 from ostiform.correspondence.shapes import ShapesInMemory
-from ostiform.correspondence.spreading import Coverage, differences_of, spread
-from ostiform.correspondence.warps import circle_table, flow, global_fields, orientation_share
 from ostiform.surface import closest_points, exact_orientations, surface_tree
 from tests.oracles.warped_shapes import (
     one_part_domain,
@@ -44,11 +44,11 @@ def cover(family, template, directions):
     return surface, point
 
 
-def test_crowded_points_spread_until_every_shape_is_covered_better(crowded):
+def test_crowded_points_relax_until_every_shape_is_covered_better(crowded):
     family, template, circles, directions = crowded
     shapes = ShapesInMemory(family.samplers)
     before = cover(family, template, directions)
-    found, moved = spread(shapes, template, circles, directions)
+    found, moved = relaxed(shapes, template, circles, directions)
     after = cover(family, found, moved)
     for was, now in zip(before, after, strict=True):
         assert now < 0.95 * was
@@ -57,18 +57,18 @@ def test_crowded_points_spread_until_every_shape_is_covered_better(crowded):
 def test_the_same_material_point_is_moved_in_template_and_shapes(crowded):
     # All shapes carry the points by one warp here, so they must agree to the last bit.
     family, template, circles, directions = crowded
-    found, moved = spread(ShapesInMemory(family.samplers), template, circles, directions)
+    found, moved = relaxed(ShapesInMemory(family.samplers), template, circles, directions)
     assert np.abs(found.points - template.points).max() > 1e-3
     for own in moved[1:]:
         np.testing.assert_array_equal(own, moved[0])
     identity = np.stack([template.points] * len(directions))
-    found, moved = spread(ShapesInMemory(family.samplers), template, circles, identity)
+    found, moved = relaxed(ShapesInMemory(family.samplers), template, circles, identity)
     np.testing.assert_allclose(moved[0], found.points, atol=1e-12)
 
 
 def test_triangles_stay_and_points_of_circles_stay_on_them(crowded):
     family, template, circles, directions = crowded
-    found, moved = spread(ShapesInMemory(family.samplers), template, circles, directions)
+    found, moved = relaxed(ShapesInMemory(family.samplers), template, circles, directions)
     np.testing.assert_array_equal(found.faces, template.faces)
     levels = [(np.arange(len(found.points)), found.faces)]
     levels += [(level.index, level.faces) for level in found.levels]
@@ -86,9 +86,9 @@ def test_the_order_of_the_shapes_does_not_matter(crowded):
     there = np.random.default_rng(4).permutation(len(directions))
     varied = directions.copy()
     varied[0] = template.points
-    first, moved = spread(ShapesInMemory(family.samplers), template, circles, varied)
+    first, moved = relaxed(ShapesInMemory(family.samplers), template, circles, varied)
     other = ShapesInMemory(tuple(family.samplers[index] for index in there))
-    second, turned = spread(other, template, circles, varied[there])
+    second, turned = relaxed(other, template, circles, varied[there])
     np.testing.assert_allclose(second.points, first.points, atol=1e-10)
     np.testing.assert_allclose(turned, moved[there], atol=1e-10)
 
@@ -125,17 +125,17 @@ def test_a_cover_over_another_is_its_worst_ratio():
 
 def test_points_that_cover_the_shapes_well_enough_stay(crowded, monkeypatch):
     family, template, circles, directions = crowded
-    monkeypatch.setattr(spreading, "ENOUGH", 10.0)
-    found, moved = spread(ShapesInMemory(family.samplers), template, circles, directions)
+    monkeypatch.setattr(lloyd, "ENOUGH", 10.0)
+    found, moved = relaxed(ShapesInMemory(family.samplers), template, circles, directions)
     np.testing.assert_array_equal(found.points, template.points)
     np.testing.assert_array_equal(moved, directions)
 
 
 def test_no_triangle_is_squeezed_however_hard_the_points_are_pulled(crowded, monkeypatch):
     family, template, circles, directions = crowded
-    monkeypatch.setattr(spreading, "DAMPING", 3.0)
-    found, moved = spread(ShapesInMemory(family.samplers), template, circles, directions)
-    assert orientation_share(template, found.points) >= spreading.LEAST_SHARE
+    monkeypatch.setattr(lloyd, "DAMPING", 3.0)
+    found, moved = relaxed(ShapesInMemory(family.samplers), template, circles, directions)
+    assert orientation_share(template, found.points) >= lloyd.LEAST_SHARE
     for points in (found.points, *moved):
         assert (exact_orientations(points, found.faces) > 0).all()
 
@@ -147,5 +147,5 @@ def test_surfaces_that_are_covered_exactly_are_no_trouble():
     identity = np.stack([template.points] * 2)
     assert cover(family, template, identity)[0] < 1e-9
     circles = circle_table(domain, template)
-    found, moved = spread(ShapesInMemory(family.samplers), template, circles, identity)
+    found, moved = relaxed(ShapesInMemory(family.samplers), template, circles, identity)
     assert cover(family, found, moved)[0] < 1e-6

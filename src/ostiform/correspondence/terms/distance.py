@@ -3,11 +3,7 @@
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence.description_length import (
-    QuadraticForm,
-    euclidean_form,
-    form_value,
-)
+from ostiform.correspondence.terms.quadratic_form import QuadraticForm, form_value, no_motions
 
 # Relative difference of mean distances below which shapes count as equally central: the tie is
 # broken by coordinates, so that the reference does not depend on the order of the files.
@@ -34,6 +30,18 @@ def root_mean_square_spread(aligned: FloatArray, weights: FloatArray) -> float:
     """Return the root mean square distance (mm) per point of shapes from their mean."""
     squared = ((aligned - aligned.mean(axis=0)) ** 2).sum(axis=2)  # (N, P)
     return float(np.sqrt((squared @ weights).mean()))
+
+
+def euclidean_form(target: FloatArray, weights: FloatArray, variance: float) -> QuadraticForm:
+    """Return the weighted squared distance to a target in units of a variance (mm^2)."""
+    return QuadraticForm(
+        target,
+        np.sqrt(weights),
+        1.0 / variance,
+        np.zeros((0, 3 * len(target))),
+        np.zeros(0),
+        *no_motions(target),
+    )
 
 
 def euclidean_forms(
