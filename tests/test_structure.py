@@ -13,6 +13,8 @@ SOURCE = Path(ostiform.__file__).parent
 ORDER = [
     "errors",
     "arrays",
+    "values",
+    "artifacts",
     "atomic",
     "tables",
     "surface",

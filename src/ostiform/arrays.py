@@ -1,6 +1,6 @@
 """Checked, read-only arrays: what the frozen values that travel between stages hold."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -33,13 +33,8 @@ def frozen_floats(values: ArrayLike, shape: tuple[int | None, ...], name: str) -
     InputError
         If the shape differs or a value is not finite.
     """
-    array: FloatArray = _frozen(values, np.float64, shape, name)
-    if not np.isfinite(array).all():
-        bad = np.argwhere(~np.isfinite(array))
-        raise InputError(
-            f"{name}: expected finite numbers, found {len(bad)} that are NaN or infinite, "
-            f"the first at index {tuple(int(i) for i in bad[0])}"
-        )
+    array: FloatArray = _of_shape(frozen_array(values, np.float64, name, True), shape, name)
+    _check_finite(array, name)
     return array
 
 
@@ -48,8 +43,43 @@ def frozen_ints(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> 
 
     Parameters and errors are those of `frozen_floats`.
     """
-    array: IntArray = _frozen(values, np.int64, shape, name)
+    array: IntArray = _of_shape(frozen_array(values, np.int64, name), shape, name)
     return array
+
+
+def frozen_array(values: ArrayLike, dtype: Any, name: str, gaps: bool = False) -> Any:
+    """Return values as a read-only C-contiguous array of any shape.
+
+    Parameters
+    ----------
+    values : array_like
+        Copied unless they are already a read-only array of that type.
+    dtype : type
+        A numpy scalar type; `Any` to keep the type that they have.
+    name : str
+        What the array is, for the error message.
+    gaps : bool
+        Whether NaN and infinite numbers are allowed.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite.
+    """
+    array = np.asarray(values)
+    wanted = array.dtype if dtype is Any else dtype
+    if array.dtype != wanted or array.flags.writeable or not array.flags.c_contiguous:
+        array = np.array(array, dtype=wanted, order="C")
+        array.flags.writeable = False
+    if not gaps and array.dtype.kind == "f":
+        _check_finite(array, name)
+    return array
+
+
+def shape_error(array: NDArray[Any], shape: Sequence[int | str | None], name: str) -> InputError:
+    """Return the error for an array of another shape than expected; None is any length."""
+    wanted = ", ".join("any" if n is None else str(n) for n in shape)
+    return InputError(f"{name}: expected an array of shape ({wanted}), found {array.shape}")
 
 
 def frozen_mapping(items: Mapping[K, T]) -> Mapping[K, T]:
@@ -78,16 +108,20 @@ class _FrozenMapping(Mapping[K, T]):
         return repr(self._items)
 
 
-def _frozen(values: ArrayLike, dtype: Any, shape: tuple[int | None, ...], name: str) -> Any:
-    array = np.asarray(values)
-    if array.dtype != dtype or array.flags.writeable or not array.flags.c_contiguous:
-        array = np.array(array, dtype=dtype, order="C")
-        array.flags.writeable = False
+def _of_shape(array: Any, shape: tuple[int | None, ...], name: str) -> Any:
     fits = array.ndim == len(shape) and all(
         expected is None or found == expected
         for found, expected in zip(array.shape, shape, strict=True)
     )
     if not fits:
-        wanted = ", ".join("any" if n is None else str(n) for n in shape)
-        raise InputError(f"{name}: expected an array of shape ({wanted}), found {array.shape}")
+        raise shape_error(array, shape, name)
     return array
+
+
+def _check_finite(array: FloatArray, name: str) -> None:
+    if not np.isfinite(array).all():
+        bad = np.argwhere(~np.isfinite(array))
+        raise InputError(
+            f"{name}: expected finite numbers, found {len(bad)} that are NaN or infinite, "
+            f"the first at index {tuple(int(i) for i in bad[0])}"
+        )
