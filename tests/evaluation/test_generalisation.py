@@ -17,6 +17,7 @@ from ostiform.evaluation import (
     PlacedFold,
     TruthDistance,
     compare,
+    compared_surface,
     cross_validated,
     cross_validation_folds,
     evaluate_model,
@@ -37,6 +38,10 @@ def shapes():
 
 def originals_of(shapes):
     return [OriginalMesh(points, shapes.template.faces) for points in shapes.points]
+
+
+def surface_of(shapes, index):
+    return compared_surface(shapes.points[index], shapes.template.faces)
 
 
 def place(shapes, fold, noise=0.0):
@@ -97,7 +102,7 @@ def evaluations(shapes, generalisations):
 def test_the_point_residue_is_the_weighted_distance_from_the_projection(shapes):
     train = shapes.aligned[3:]
     model = fit_model(train, shapes.weights, mesh_of_template(shapes.template))
-    found = shape_residues(model, shapes.points[0], shapes.transforms[0], originals_of(shapes)[0])
+    found = shape_residues(model, shapes.points[0], shapes.transforms[0], surface_of(shapes, 0))
     for count in MODE_COUNTS:
         scores = project(model, shapes.aligned[0])[:count]
         squared = ((reconstruct(model, scores) - shapes.aligned[0]) ** 2).sum(axis=1)
@@ -112,7 +117,7 @@ def test_the_point_residue_never_rises_with_the_number_of_modes(generalisations)
 def test_a_shape_inside_the_span_of_the_model_leaves_nothing(shapes):
     model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
     found = shape_residues(
-        model, shapes.points[5], shapes.transforms[5], originals_of(shapes)[5], (0, 11)
+        model, shapes.points[5], shapes.transforms[5], surface_of(shapes, 5), (0, 11)
     )
     assert found.point[0] > 1.0
     for values in (found.point, found.surface_mean, found.surface_p95, found.surface_max):
@@ -122,7 +127,7 @@ def test_a_shape_inside_the_span_of_the_model_leaves_nothing(shapes):
 def test_more_modes_than_the_model_has_change_nothing(shapes):
     model = fit_model(shapes.aligned[:4], shapes.weights, mesh_of_template(shapes.template))
     found = shape_residues(
-        model, shapes.points[5], shapes.transforms[5], originals_of(shapes)[5], (3, 4, 10)
+        model, shapes.points[5], shapes.transforms[5], surface_of(shapes, 5), (3, 4, 10)
     )
     np.testing.assert_array_equal(found.surface_mean, found.surface_mean[0])
 
@@ -135,7 +140,7 @@ def test_residues_are_millimetres_of_the_input_whatever_the_alignment_scales(sha
             fit_model(factor * shapes.aligned[3:], shapes.weights, mesh),
             shapes.points[0],
             transform @ shapes.transforms[0],
-            originals_of(shapes)[0],
+            surface_of(shapes, 0),
         )
         for factor, transform in ((1.0, np.eye(4)), (0.5, scale))
     )
@@ -148,7 +153,7 @@ def test_every_shape_gets_the_residues_of_its_own_fold(shapes, generalisations):
     train, test = list(fold.train), fold.test[1]
     model = fit_model(shapes.aligned[train], shapes.weights, mesh_of_template(shapes.template))
     direct = shape_residues(
-        model, shapes.points[test], shapes.transforms[test], originals_of(shapes)[test]
+        model, shapes.points[test], shapes.transforms[test], surface_of(shapes, test)
     )
     found = generalisations["optimal"]
     np.testing.assert_array_equal(found.surface_p95[test], direct.surface_p95)
@@ -169,7 +174,7 @@ def test_a_kind_missing_in_one_fold_is_refused(shapes, generalisations):
         fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template)),
         shapes.points[0],
         shapes.transforms[0],
-        originals_of(shapes)[0],
+        surface_of(shapes, 0),
     )
     results = [{"optimal": [residue] * 3} for _ in range(3)] + [{"conformal": [residue] * 3}]
     with pytest.raises(InputError, match="optimal model: expected residues of 12"):

@@ -15,8 +15,8 @@ class SpaceMap(Protocol):
         """Return the images (n, 3)."""
         ...
 
-    def jacobian(self, points: FloatArray) -> FloatArray:
-        """Return the derivatives (n, 3, 3): row the image's coordinate, column the point's."""
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the images (n, 3) and the derivatives (n, 3, 3): row the image's coordinate."""
         ...
 
     def inverse(self, points: FloatArray) -> FloatArray:
@@ -36,13 +36,13 @@ class Deformation:
             points = step.forward(points)
         return points
 
-    def jacobian(self, points: FloatArray) -> FloatArray:
-        """Return the derivatives (n, 3, 3) at points (n, 3)."""
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the images (n, 3) and the derivatives (n, 3, 3) at points (n, 3)."""
         result = np.broadcast_to(np.eye(3), (len(points), 3, 3))
         for step in self.maps:
-            result = step.jacobian(points) @ result
-            points = step.forward(points)
-        return result
+            points, slope = step.linearised(points)
+            result = slope @ result
+        return points, result
 
     def inverse(self, points: FloatArray) -> FloatArray:
         """Return the points (n, 3) whose images are given, to 1e-9 mm.

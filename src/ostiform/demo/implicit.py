@@ -5,7 +5,7 @@ correspondence are its images under diffeomorphisms of space (`deformation`).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -162,9 +162,20 @@ class Anatomy:
     blend_mm: float
     cuts: tuple[Cut, ...]
     seeds: Mapping[str, FloatArray]
+    _tables: tuple[FloatArray, FloatArray, FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the names and make the mapping read-only."""
+        """Check the names, make the mapping read-only and lay the primitives out for `level`."""
+        ellipsoids = [p for p in self.primitives if isinstance(p, Ellipsoid)]
+        tubes = [p for p in self.primitives if isinstance(p, Tube)]
+        tables = (
+            np.array([np.r_[p.center, p.semi_axes] for p in ellipsoids]).reshape(-1, 6),
+            np.array([p.frame for p in ellipsoids]).reshape(-1, 3, 3),
+            np.array([np.r_[p.start, p.end, p.start_radius, p.end_radius] for p in tubes]).reshape(
+                -1, 8
+            ),
+        )
+        object.__setattr__(self, "_tables", tables)
         seeds = {
             part: frozen_floats(seed, (3,), f"seed {part}") for part, seed in self.seeds.items()
         }
@@ -182,16 +193,8 @@ class Anatomy:
 
         f = -k log sum_i exp(-f_i / k), a smooth minimum of the primitives, k = `blend_mm`.
         """
-        ellipsoids = [p for p in self.primitives if isinstance(p, Ellipsoid)]
-        tubes = [p for p in self.primitives if isinstance(p, Tube)]
         return _blended(
-            np.ascontiguousarray(points, dtype=np.float64),
-            np.array([np.r_[p.center, p.semi_axes] for p in ellipsoids]).reshape(-1, 6),
-            np.array([p.frame for p in ellipsoids]).reshape(-1, 3, 3),
-            np.array([np.r_[p.start, p.end, p.start_radius, p.end_radius] for p in tubes]).reshape(
-                -1, 8
-            ),
-            self.blend_mm,
+            np.ascontiguousarray(points, dtype=np.float64), *self._tables, self.blend_mm
         )
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:

@@ -67,12 +67,9 @@ def project_to_curves(
     Newton's method; each step is the shortest that meets both linearised constraints.
     """
     points = points.copy()
-    height, slope = np.zeros(len(points)), np.zeros_like(points)
     for _ in range(steps):
         value, gradient = anatomy.level(points)
-        for index, cut in enumerate(anatomy.cuts):
-            on = curve == index
-            height[on], slope[on] = cut.height(points[on])
+        height, slope = cut_slopes(anatomy, points, curve)
         if max(np.abs(value).max(initial=0.0), np.abs(height).max(initial=0.0)) < _PROJECTED_MM:
             break
         normal = np.einsum("ij,ij->i", gradient, gradient)
@@ -83,6 +80,17 @@ def project_to_curves(
         across = (normal * height - mixed * value) / determinant
         points -= along[:, None] * gradient + across[:, None] * slope
     return points
+
+
+def cut_slopes(
+    anatomy: Anatomy, points: FloatArray, curve: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the heights (n,) of points over the surfaces of their cuts, and gradients (n, 3)."""
+    height, slope = np.zeros(len(points)), np.zeros_like(points)
+    for index in np.unique(curve):
+        on = curve == index
+        height[on], slope[on] = anatomy.cuts[index].height(points[on])
+    return height, slope
 
 
 def relaxed(sheet: Sheet, anatomy: Anatomy, deformation: Deformation, edge_mm: float) -> Sheet:
@@ -101,11 +109,10 @@ def _swept(
     # Flips, then every vertex towards the mean of its neighbours (on a curve: along it).
     material, faces, curve = sheet.material.copy(), sheet.faces.copy(), sheet.curve
     free = curve < 0
-    world = deformation.forward(material)
     neighbours = _neighbours(faces, sheet.side)
     chain = _curve_edges(faces, sheet.side)
     # Points move by less than an edge or two: one Jacobian serves to turn steps into material.
-    jacobian = deformation.jacobian(material)
+    world, jacobian = deformation.linearised(material)
     metric = np.einsum("nki,nkj->nij", jacobian, jacobian)
     for _ in range(sweeps):
         _flip_to_delaunay(faces, neighbours, world, curve)

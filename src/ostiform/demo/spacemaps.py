@@ -4,13 +4,13 @@
 method, which converges because their displacements are contractions or nearly so.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 from scipy.interpolate import CubicSpline
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.demo.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
 from ostiform.errors import ConvergenceError, InputError
 
@@ -43,9 +43,9 @@ class Affine:
         """Return the images (n, 3)."""
         return points @ self.matrix.T + self.shift
 
-    def jacobian(self, points: FloatArray) -> FloatArray:
-        """Return the derivatives (n, 3, 3)."""
-        return np.broadcast_to(self.matrix, (len(points), 3, 3)).copy()
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the images (n, 3) and the derivatives (n, 3, 3)."""
+        return self.forward(points), np.broadcast_to(self.matrix, (len(points), 3, 3))
 
     def inverse(self, points: FloatArray) -> FloatArray:
         """Return the points (n, 3) whose images are given."""
@@ -76,6 +76,7 @@ class Axial:
     displacement: FloatArray
     log_scale: FloatArray
     turn: FloatArray
+    _profiles: CubicSpline = field(init=False, repr=False)  # of all six, one column each
 
     def __post_init__(self) -> None:
         """Check the arrays, make them read-only, and check that heights keep their order."""
@@ -88,8 +89,11 @@ class Axial:
             ("turn", (n,)),
         ):
             object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+        table = np.column_stack([self.displacement, self.log_scale, self.turn])  # (K, 6)
+        profiles = CubicSpline(self.knots, table, bc_type="clamped")
+        object.__setattr__(self, "_profiles", profiles)
         heights = np.linspace(self.knots[0], self.knots[-1], 64 * n)
-        rise = 1.0 + self._profiles()(heights, 1)[:, 2]
+        rise = 1.0 + profiles(heights, 1)[:, 2]
         if rise.min() <= 0.0:
             raise InputError(
                 f"axial map: expected heights to keep their order, found a slope of "
@@ -98,9 +102,14 @@ class Axial:
 
     def forward(self, points: FloatArray) -> FloatArray:
         """Return the images (n, 3)."""
-        profile, _ = self._at(points[:, 2])
+        return self.linearised(points)[0]
+
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the images (n, 3) and the derivatives (n, 3, 3)."""
+        profile, slope = self._at(points[:, 2])
         scale, turn = np.exp(profile[:, 3:5]), profile[:, 5]
         u, v = (scale * (points[:, :2] - self.axis_point)).T
+        du, dv = u * slope[:, 3], v * slope[:, 4]
         cos, sin = np.cos(turn), np.sin(turn)
         turned = np.stack(
             [
@@ -110,15 +119,6 @@ class Axial:
             ],
             axis=1,
         )
-        return turned + profile[:, :3]
-
-    def jacobian(self, points: FloatArray) -> FloatArray:
-        """Return the derivatives (n, 3, 3)."""
-        profile, slope = self._at(points[:, 2])
-        scale, turn = np.exp(profile[:, 3:5]), profile[:, 5]
-        u, v = (scale * (points[:, :2] - self.axis_point)).T
-        du, dv = u * slope[:, 3], v * slope[:, 4]
-        cos, sin = np.cos(turn), np.sin(turn)
         result = np.zeros((len(points), 3, 3))
         result[:, 0, 0] = cos * scale[:, 0]
         result[:, 0, 1] = -sin * scale[:, 1]
@@ -127,7 +127,7 @@ class Axial:
         result[:, 0, 2] = cos * du - sin * dv - slope[:, 5] * (sin * u + cos * v) + slope[:, 0]
         result[:, 1, 2] = sin * du + cos * dv + slope[:, 5] * (cos * u - sin * v) + slope[:, 1]
         result[:, 2, 2] = 1.0 + slope[:, 2]
-        return result
+        return turned + profile[:, :3], result
 
     def inverse(self, points: FloatArray) -> FloatArray:
         """Return the points (n, 3) whose images are given."""
@@ -156,16 +156,11 @@ class Axial:
         flat = np.stack([cos * a + sin * b, cos * b - sin * a], axis=1) / np.exp(profile[:, 3:5])
         return np.column_stack([flat + self.axis_point, z])
 
-    def _profiles(self) -> CubicSpline:
-        table = np.column_stack([self.displacement, self.log_scale, self.turn])  # (K, 6)
-        return CubicSpline(self.knots, table, bc_type="clamped")
-
     def _at(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        spline = self._profiles()
         inside = np.clip(z, self.knots[0], self.knots[-1])
-        slope = spline(inside, 1)
+        slope = self._profiles(inside, 1)
         slope[(z < self.knots[0]) | (z > self.knots[-1])] = 0.0
-        return spline(inside), slope
+        return self._profiles(inside), slope
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,52 +208,23 @@ class TubeWarp:
 
     def forward(self, points: FloatArray) -> FloatArray:
         """Return the images (n, 3)."""
-        result = points.copy()
-        near = self._near(points)
-        result[near] += self._displacement(points[near])[0]
-        return result
+        return points + self._displacement(points)[0]
 
-    def jacobian(self, points: FloatArray) -> FloatArray:
-        """Return the derivatives (n, 3, 3)."""
-        result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
-        near = self._near(points)
-        result[near] += self._displacement(points[near])[1]
-        return result
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the images (n, 3) and the derivatives (n, 3, 3)."""
+        value, slope = self._displacement(points)
+        return points + value, np.eye(3) + slope
 
     def inverse(self, points: FloatArray) -> FloatArray:
         """Return the points (n, 3) whose images are given."""
-        result = points.copy()
-        near = self._near(points)
-        result[near] = newton_inverse(self._displacement, points[near], "tube warp")
-        return result
-
-    def _near(self, points: FloatArray) -> IntArray:
-        offset = points - self.base
-        t = offset @ self.axis
-        squared = np.einsum("ij,ij->i", offset, offset) - t**2
-        return np.flatnonzero((t > 0.0) & (squared < self.outer_radius**2))
+        return newton_inverse(self._displacement, points, "tube warp")
 
     def _displacement(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        offset = points - self.base
-        t = offset @ self.axis
-        across = offset - t[:, None] * self.axis
-        r = np.sqrt(np.einsum("ij,ij->i", across, across))
-        width = self.outer_radius - self.inner_radius
-        fall, fall_slope = _step((r - self.inner_radius) / width)
-        near, near_slope = 1.0 - fall, -fall_slope / width
-        ramp, ramp_slope = _ramp(t, self.length)
-        rise, rise_slope = _step(t / (0.6 * self.length))
-        rise_slope = rise_slope / (0.6 * self.length)
-        radial = across / np.maximum(r, 1e-12)[:, None]
-
-        pull = ramp[:, None] * self.reach + (self.widening * rise)[:, None] * across  # (n, 3)
-        value = near[:, None] * pull
-        pull_t = ramp_slope[:, None] * self.reach + (self.widening * rise_slope)[:, None] * across
-        slope = near_slope[:, None, None] * pull[:, :, None] * radial[:, None, :]
-        slope += near[:, None, None] * pull_t[:, :, None] * self.axis
-        flat = np.eye(3) - np.outer(self.axis, self.axis)
-        slope += (near * self.widening * rise)[:, None, None] * flat
-        return value, slope
+        return _tube_displacement(
+            np.ascontiguousarray(points),
+            np.stack([self.base, self.axis, self.reach]),
+            (self.length, self.inner_radius, self.outer_radius, self.widening),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,9 +252,10 @@ class Bumps:
         """Return the images (n, 3)."""
         return points + self._displacement(points)[0]
 
-    def jacobian(self, points: FloatArray) -> FloatArray:
-        """Return the derivatives (n, 3, 3)."""
-        return np.eye(3) + self._displacement(points)[1]
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the images (n, 3) and the derivatives (n, 3, 3)."""
+        value, slope = self._displacement(points)
+        return points + value, np.eye(3) + slope
 
     def inverse(self, points: FloatArray) -> FloatArray:
         """Return the points (n, 3) whose images are given."""
@@ -325,13 +292,50 @@ def _bump_displacement(
     return value, slope
 
 
-def _step(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+@njit(cache=True)
+def _tube_displacement(
+    points: FloatArray, vectors: FloatArray, sizes: tuple[float, float, float, float]
+) -> tuple[FloatArray, FloatArray]:
+    length, inner, outer, widening = sizes
+    base, axis, reach = vectors[0], vectors[1], vectors[2]
+    value = np.zeros((len(points), 3))
+    slope = np.zeros((len(points), 3, 3))
+    across = np.empty(3)
+    for i in range(len(points)):
+        t = r = 0.0
+        for k in range(3):
+            t += (points[i, k] - base[k]) * axis[k]
+        for k in range(3):
+            across[k] = points[i, k] - base[k] - t * axis[k]
+            r += across[k] ** 2
+        r = np.sqrt(r)
+        if t <= 0.0 or r >= outer:
+            continue
+        fall, fall_slope = _step((r - inner) / (outer - inner))
+        near, near_slope = 1.0 - fall, -fall_slope / (outer - inner)
+        ramp, ramp_slope = _ramp(t, length)
+        rise, rise_slope = _step(t / (0.6 * length))
+        rise_slope = rise_slope / (0.6 * length)
+        for j in range(3):
+            pull = ramp * reach[j] + widening * rise * across[j]
+            along = ramp_slope * reach[j] + widening * rise_slope * across[j]
+            value[i, j] = near * pull
+            for k in range(3):
+                flat = (1.0 if j == k else 0.0) - axis[j] * axis[k]
+                slope[i, j, k] = near_slope * pull * across[k] / max(r, 1e-12)
+                slope[i, j, k] += near * (along * axis[k] + widening * rise * flat)
+    return value, slope
+
+
+@njit(cache=True)
+def _step(u: float) -> tuple[float, float]:
     # Quintic smooth step from 0 at u = 0 to 1 at u = 1, and its slope.
-    u = np.clip(u, 0.0, 1.0)
+    u = min(max(u, 0.0), 1.0)
     return u**3 * (10.0 + u * (6.0 * u - 15.0)), 30.0 * u**2 * (1.0 - u) ** 2
 
 
-def _ramp(t: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:
+@njit(cache=True)
+def _ramp(t: float, length: float) -> tuple[float, float]:
     # Slope 1 / length from about t = length / 3 to t = length, then level: the difference of two
     # integrated smooth steps.
     width = length / 3.0
@@ -340,7 +344,8 @@ def _ramp(t: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:
     return (rise - stop) * width / length, (rise_slope - stop_slope) / length
 
 
-def _integrated_step(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    inside = np.clip(u, 0.0, 1.0)
-    integral = inside**4 * (2.5 + inside * (inside - 3.0)) + np.maximum(u - 1.0, 0.0)
+@njit(cache=True)
+def _integrated_step(u: float) -> tuple[float, float]:
+    inside = min(max(u, 0.0), 1.0)
+    integral = inside**4 * (2.5 + inside * (inside - 3.0)) + max(u - 1.0, 0.0)
     return integral, _step(u)[0]

@@ -12,18 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray, frozen_mapping
 from ostiform.atomic import atomically
 from ostiform.demo.deformation import Deformation, SpaceMap
 from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
 from ostiform.demo.inversion import solve3
-from ostiform.demo.relaxation import project_to_curves, project_to_surface
+from ostiform.demo.relaxation import cut_slopes, project_to_curves, project_to_surface
 from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 from ostiform.errors import ArtifactError, InputError
 from ostiform.study.shape import ShapeId
 
 _SCHEMA = 1
 _CLOSEST_POINT_STEPS = 8
+_ARRIVED_MM = 1e-10
+"""Steps shorter than this move no digit of a distance that anyone reads."""
 _KINDS: Mapping[str, Any] = frozen_mapping(
     {kind.__name__: kind for kind in (Ellipsoid, Tube, Cut, Affine, Axial, Bumps, TubeWarp)}
 )
@@ -97,46 +99,55 @@ def material_coordinates(
             f"{shape_id}: expected a part of {', '.join(truth.anatomy.seeds)}, found {part}; name "
             "one of these"
         )
-    deformation = truth.deformation(shape_id)
+    anatomy, deformation = truth.anatomy, truth.deformation(shape_id)
     points = np.asarray(points, dtype=np.float64)
-    material = project_to_surface(truth.anatomy, deformation.inverse(points))
+    material = project_to_surface(anatomy, deformation.inverse(points))
+    going = np.arange(len(points))
     for _ in range(_CLOSEST_POINT_STEPS):
         # Gauss-Newton on |phi(X) - x|^2 within the tangent plane of {f = 0}.
-        gap = points - deformation.forward(material)
-        jacobian = deformation.jacobian(material)
-        _, gradient = truth.anatomy.level(material)
-        step = solve3(jacobian, gap)
+        start = material[going]
+        image, jacobian = deformation.linearised(start)
+        _, gradient = anatomy.level(start)
+        step = solve3(jacobian, points[going] - image)
         normal = solve3(np.einsum("nki,nkj->nij", jacobian, jacobian), gradient)
         share = np.einsum("ij,ij->i", gradient, step) / np.einsum("ij,ij->i", gradient, normal)
-        material = project_to_surface(truth.anatomy, material + step - share[:, None] * normal)
-    for _, sign, cut in truth.anatomy.part_cuts(part):
-        near = np.flatnonzero(cut.reaches(material))
-        beyond = near[sign * cut.height(material[near])[0] > 0.0]
-        index = truth.anatomy.cuts.index(cut)
-        material[beyond] = _closest_on_curve(
-            truth.anatomy, deformation, index, points[beyond], material[beyond]
-        )
-    return material
+        material[going] = project_to_surface(anatomy, start + step - share[:, None] * normal)
+        going = _underway(going, start, material)
+    return _within_rims(anatomy, deformation, part, points, material)
 
 
-def _closest_on_curve(
+def _underway(going: IntArray, start: FloatArray, material: FloatArray) -> IntArray:
+    """Return which of the points (n,) that were going have not arrived."""
+    length: FloatArray = np.linalg.norm(material[going] - start, axis=1)
+    return going[length > _ARRIVED_MM]
+
+
+def _within_rims(
     anatomy: Anatomy,
     deformation: Deformation,
-    index: int,
+    part: str,
     points: FloatArray,
     material: FloatArray,
 ) -> FloatArray:
-    # Gauss-Newton on |phi(X) - x|^2 along the curve of a cut.
-    curve = np.full(len(points), index, dtype=np.int64)
-    material = project_to_curves(anatomy, material, curve)
+    """Return material points (n, 3) with those beyond an opening of a part on its rim."""
+    curve = np.full(len(points), -1)
+    for _, sign, cut in anatomy.part_cuts(part):
+        near = np.flatnonzero(cut.reaches(material))
+        beyond = near[sign * cut.height(material[near])[0] > 0.0]
+        curve[beyond] = anatomy.cuts.index(cut)
+    going = np.flatnonzero(curve >= 0)
+    material[going] = project_to_curves(anatomy, material[going], curve[going])
     for _ in range(_CLOSEST_POINT_STEPS):
-        _, gradient = anatomy.level(material)
-        _, slope = anatomy.cuts[index].height(material)
-        along = np.cross(gradient, slope)
-        image = np.einsum("nij,nj->ni", deformation.jacobian(material), along)
-        gap = points - deformation.forward(material)
+        # Gauss-Newton on |phi(X) - x|^2 along the curve of a cut.
+        start, on = material[going], curve[going]
+        _, gradient = anatomy.level(start)
+        along = np.cross(gradient, cut_slopes(anatomy, start, on)[1])
+        position, jacobian = deformation.linearised(start)
+        image = np.einsum("nij,nj->ni", jacobian, along)
+        gap = points[going] - position
         share = np.einsum("ij,ij->i", image, gap) / np.einsum("ij,ij->i", image, image)
-        material = project_to_curves(anatomy, material + share[:, None] * along, curve)
+        material[going] = project_to_curves(anatomy, start + share[:, None] * along, on)
+        going = _underway(going, start, material)
     return material
 
 
@@ -233,7 +244,7 @@ def _decoded_truth(document: dict[str, Any]) -> Truth:
 
 
 def _encoded(item: Any) -> dict[str, Any]:
-    values = {field.name: getattr(item, field.name) for field in fields(item)}
+    values = {field.name: getattr(item, field.name) for field in fields(item) if field.init}
     plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
     return {"kind": type(item).__name__, **plain}
 

@@ -15,7 +15,10 @@ from .comparison import compare as compare
 from .comparison import paired_difference as paired_difference
 from .coverage import Coverage as Coverage
 from .coverage import shape_coverage as shape_coverage
+from .distances import ComparedSurface as ComparedSurface
 from .distances import SurfaceDistance as SurfaceDistance
+from .distances import compared_surface as compared_surface
+from .distances import distances_from as distances_from
 from .distances import surface_distances as surface_distances
 from .dynamics import LEVELS as LEVELS
 from .dynamics import LevelResidues as LevelResidues

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.spatial.distance import cdist
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
@@ -25,6 +26,9 @@ N_SAMPLES = 1000
 
 MOST_LEFT_OUT = 100
 """Shapes left out in turn; of more, so many are taken at equal intervals."""
+
+BLOCK = 64
+"""Random shapes that are held at a time."""
 
 CANDIDATES = 8
 """Training shapes, nearest by the root mean square, among which the nearest one is searched."""
@@ -166,8 +170,28 @@ def _nearest(
     """Return the distance (S,) of random shapes with given scores to the nearest training shape."""
     squared = cdist(scores, training, "sqeuclidean")
     candidates = np.argsort(squared, axis=1, kind="stable")[:, :CANDIDATES]
-    least = np.empty(len(scores))
-    for row, (own, chosen) in enumerate(zip(scores, candidates, strict=True)):
-        gaps = (flat[chosen] - (mean + own @ modes)).reshape(len(chosen), -1, 3)
-        least[row] = np.sqrt(np.einsum("cpk,cpk->cp", gaps, gaps)).mean(axis=1).min()
+    used = int(np.max(np.flatnonzero(scores.any(axis=0)), initial=-1)) + 1
+    least = [
+        _least_distances(mean + scores[rows, :used] @ modes[:used], flat, candidates[rows])
+        for rows in np.array_split(np.arange(len(scores)), -(-len(scores) // BLOCK))
+    ]
+    return np.concatenate(least)
+
+
+@njit(cache=True)
+def _least_distances(shapes: FloatArray, flat: FloatArray, candidates: IntArray) -> FloatArray:
+    """Return the mean distance (S,) over the points from the nearest of each shape's candidates."""
+    count = shapes.shape[1] // 3
+    least = np.full(len(shapes), np.inf)
+    for row in range(len(shapes)):
+        for candidate in candidates[row]:
+            total, most = 0.0, least[row] * count
+            for k in range(0, 3 * count, 3):
+                x = shapes[row, k] - flat[candidate, k]
+                y = shapes[row, k + 1] - flat[candidate, k + 1]
+                z = shapes[row, k + 2] - flat[candidate, k + 2]
+                total += np.sqrt(x * x + y * y + z * z)
+                if total > most:
+                    break
+            least[row] = min(least[row], total / count)
     return least

@@ -9,7 +9,32 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.surface import SurfaceTree, surface_tree, vertex_areas, weighted_quantile
+from ostiform.surface import (
+    SurfaceTree,
+    closest_points,
+    moved_tree,
+    surface_tree,
+    vertex_areas,
+    weighted_quantile,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedSurface:
+    """A surface prepared once for all that is compared with it.
+
+    Attributes
+    ----------
+    tree : SurfaceTree
+    points : (V, 3) float64, mm
+        The vertices that have area.
+    weights : (V,) float64
+        Their shares of the area, sum 1.
+    """
+
+    tree: SurfaceTree
+    points: FloatArray
+    weights: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +56,15 @@ class SurfaceDistance:
     maximum: float
 
 
+def compared_surface(vertices: FloatArray, faces: IntArray) -> ComparedSurface:
+    """Prepare a surface, vertices (V, 3) in mm and faces (G, 3), for comparison."""
+    areas = vertex_areas(vertices, faces)
+    used = areas > 0.0
+    return ComparedSurface(
+        surface_tree(vertices, faces), vertices[used], areas[used] / areas[used].sum()
+    )
+
+
 def surface_distances(
     shapes: FloatArray, shape_faces: IntArray, vertices: FloatArray, faces: IntArray
 ) -> tuple[SurfaceDistance, ...]:
@@ -41,26 +75,42 @@ def surface_distances(
     shapes : (R, P, 3) float64, mm
     shape_faces : (F, 3) int64
     vertices : (V, 3) float64, mm
-        The surface compared to; its search tree is built once.
+        The surface compared to; where there are more shapes to come, prepare it once with
+        `compared_surface` and call `distances_from`.
     faces : (G, 3) int64
     """
-    tree = surface_tree(vertices, faces)
-    areas = vertex_areas(vertices, faces)  # (V,)
-    used = areas > 0.0
-    targets, target_weights = vertices[used], areas[used] / (2.0 * areas.sum())
+    return distances_from(compared_surface(vertices, faces), shapes, shape_faces)
+
+
+def distances_from(
+    surface: ComparedSurface, shapes: FloatArray, shape_faces: IntArray
+) -> tuple[SurfaceDistance, ...]:
+    """Return the distance of a surface from each of several shapes with shared triangles.
+
+    Shapes that follow each other are supposed to be alike (reconstructions with more and more
+    modes): every search begins where the one before it ended, and their trees differ in the boxes
+    alone.
+
+    Parameters
+    ----------
+    surface : ComparedSurface
+    shapes : (R, P, 3) float64, mm
+    shape_faces : (F, 3) int64
+    """
     results = []
+    there = back = tree = None
     for shape in shapes:
-        forward = _distances(tree, np.ascontiguousarray(shape))  # (P,)
-        backward = _distances(surface_tree(shape, shape_faces), targets)  # (V,)
-        shape_areas = vertex_areas(shape, shape_faces)
-        forward_weights = shape_areas / (2.0 * shape_areas.sum())
-        pooled = np.concatenate([forward, backward])
+        tree = surface_tree(shape, shape_faces) if tree is None else moved_tree(tree, shape)
+        forward = closest_points(surface.tree, shape, there)  # P
+        backward = closest_points(tree, surface.points, back)  # V
+        there, back = forward.faces, backward.faces
+        areas = vertex_areas(shape, shape_faces)
+        weights = np.concatenate([areas / areas.sum(), surface.weights])
+        pooled = np.concatenate([forward.distances, backward.distances])
         results.append(
             SurfaceDistance(
-                mean=float(forward_weights @ forward + target_weights @ backward),
-                p95=weighted_quantile(
-                    pooled, np.concatenate([forward_weights, target_weights]), 0.95
-                ),
+                mean=0.5 * float(weights @ pooled),
+                p95=weighted_quantile(pooled, weights, 0.95),
                 maximum=float(pooled.max()),
             )
         )
@@ -70,9 +120,3 @@ def surface_distances(
 def diameter(points: FloatArray) -> float:
     """Return the bounding-box diagonal in mm of points (n, 3)."""
     return float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
-
-
-def _distances(tree: SurfaceTree, points: FloatArray) -> FloatArray:
-    squared, _, _ = tree.boxes.squared_distance(tree.vertices, tree.faces, points)
-    distances: FloatArray = np.sqrt(squared)
-    return distances

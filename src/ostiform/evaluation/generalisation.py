@@ -7,7 +7,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
 from ostiform.errors import InputError
-from ostiform.evaluation.distances import surface_distances
+from ostiform.evaluation.distances import ComparedSurface, compared_surface, distances_from
 from ostiform.evaluation.folds import Division, Fold, Folds
 from ostiform.model import ModelMesh, ShapeModel, fit_model, project, reconstruct
 
@@ -121,7 +121,7 @@ def shape_residues(
     model: ShapeModel,
     points: FloatArray,
     transform: FloatArray,
-    original: OriginalMesh,
+    original: ComparedSurface,
     mode_counts: Sequence[int] = MODE_COUNTS,
 ) -> Residues:
     """Return what the first m modes of a model leave of a shape that it was not built from.
@@ -137,7 +137,8 @@ def shape_residues(
         The shape in correspondence, in its input coordinates.
     transform : (4, 4) float64
         From input coordinates to the model's frame (column vectors).
-    original : OriginalMesh
+    original : ComparedSurface
+        The shape's surface as it came.
     mode_counts : sequence of int
     """
     linear, translation = transform[:3, :3], transform[:3, 3]
@@ -148,9 +149,7 @@ def shape_residues(
     aligned = reconstruct(model, kept * scores)  # (L, P, 3)
     reconstructions: FloatArray = (aligned - translation) @ np.linalg.inv(linear).T  # (L, P, 3)
     squared = ((reconstructions - points) ** 2).sum(axis=2)  # (L, P)
-    distances = surface_distances(
-        reconstructions, model.mesh.faces, original.vertices, original.faces
-    )
+    distances = distances_from(original, reconstructions, model.mesh.faces)
     return Residues(
         point=np.sqrt(squared @ model.weights)[level],
         surface_mean=np.array([distance.mean for distance in distances])[level],
@@ -184,6 +183,7 @@ def fold_residues(
         If `place` or `originals` do not hold one item per test shape.
     """
     residues = {}
+    surfaces = [compared_surface(original.vertices, original.faces) for original in originals]
     for kind, placed in place(fold).items():
         if not len(placed.points) == len(placed.transforms) == len(originals) == len(fold.test):
             raise InputError(
@@ -194,7 +194,7 @@ def fold_residues(
         residues[kind] = tuple(
             shape_residues(model, points, transform, original, mode_counts)
             for points, transform, original in zip(
-                placed.points, placed.transforms, originals, strict=True
+                placed.points, placed.transforms, surfaces, strict=True
             )
         )
     return residues

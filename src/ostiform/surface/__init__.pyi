@@ -48,6 +48,7 @@ from .queries import SurfaceDistance as SurfaceDistance
 from .queries import SurfaceTree as SurfaceTree
 from .queries import closest_points as closest_points
 from .queries import distances_to_surface as distances_to_surface
+from .queries import moved_tree as moved_tree
 from .queries import surface_distance as surface_distance
 from .queries import surface_tree as surface_tree
 from .raw_mesh import RawMesh as RawMesh

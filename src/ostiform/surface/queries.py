@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.surface.box_kernels import fitted, halved, nearest
 from ostiform.surface.quantiles import weighted_quantile
 
 
@@ -18,13 +18,16 @@ class SurfaceTree:
     ----------
     vertices : (V, 3) float64, mm
     faces : (F, 3) int64
-    boxes : igl.AABB
-        Tree of the axis-aligned boxes of the faces.
+    right : (2 F - 1,) int64
+        The tree's nodes; see `box_kernels`.
+    boxes : (2 F - 1, 6) float64, mm
+        Of the nodes.
     """
 
     vertices: FloatArray
     faces: IntArray
-    boxes: igl.AABB
+    right: IntArray
+    boxes: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,25 +78,43 @@ def surface_tree(vertices: FloatArray, faces: IntArray) -> SurfaceTree:
         raise InputError("faces: expected a surface with at least one triangle, found none")
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
-    boxes = igl.AABB()
-    boxes.init(vertices, faces)
-    return SurfaceTree(vertices, faces, boxes)
+    right = halved(vertices, faces)
+    return SurfaceTree(vertices, faces, right, fitted(vertices, faces, right))
 
 
-def closest_points(tree: SurfaceTree, points: FloatArray) -> ClosestPoints:
-    """Return the closest point of a surface to each of (n, 3) points in millimetres."""
+def moved_tree(tree: SurfaceTree, vertices: FloatArray) -> SurfaceTree:
+    """Return the tree of the same triangles with their vertices (V, 3) elsewhere, mm.
+
+    Much faster than a new one, and as good while neighbours stay neighbours.
+    """
+    vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+    boxes = fitted(vertices, tree.faces, tree.right)
+    return SurfaceTree(vertices, tree.faces, tree.right, boxes)
+
+
+def closest_points(
+    tree: SurfaceTree, points: FloatArray, near: IntArray | None = None
+) -> ClosestPoints:
+    """Return the closest point of a surface to each of (n, 3) points in millimetres.
+
+    Parameters
+    ----------
+    tree : SurfaceTree
+    points : (n, 3) float64, mm
+    near : (n,) int64, optional
+        A triangle supposed to be near each point. It makes the search faster, not different.
+    """
     queries = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
-    if len(queries) == 0:
-        none = np.zeros((0, 3))
-        return ClosestPoints(none, np.zeros(0, dtype=np.int64), none, np.zeros(0))
-    squared, index, found = tree.boxes.squared_distance(tree.vertices, tree.faces, queries)
-    face = np.asarray(index, dtype=np.int64).reshape(-1)
-    closest = np.asarray(found, dtype=np.float64).reshape(-1, 3)
+    if near is None:
+        near = np.full(len(queries), -1)
+    squared, faces, barycentric = nearest(
+        tree.vertices, tree.faces, tree.right, tree.boxes, queries, near
+    )
     return ClosestPoints(
-        points=closest,
-        faces=face,
-        barycentric=_barycentric(tree.vertices[tree.faces[face]], closest),
-        distances=np.sqrt(np.maximum(np.asarray(squared, dtype=np.float64).reshape(-1), 0.0)),
+        points=np.einsum("nc,nck->nk", barycentric, tree.vertices[tree.faces[faces]]),
+        faces=faces,
+        barycentric=barycentric,
+        distances=np.sqrt(squared),
     )
 
 
@@ -132,25 +153,3 @@ def surface_distance(vertices: FloatArray, faces: IntArray, target: SurfaceTree)
         p95=weighted_quantile(values, weights, 0.95),
         maximum=float(values.max()),
     )
-
-
-def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]  # (n, 3)
-    normal = np.cross(b - a, c - a)
-    weights = np.stack(
-        [
-            np.einsum("ni,ni->n", normal, np.cross(b - points, c - points)),
-            np.einsum("ni,ni->n", normal, np.cross(c - points, a - points)),
-            np.einsum("ni,ni->n", normal, np.cross(a - points, b - points)),
-        ],
-        axis=1,
-    )  # (n, 3)
-    weights = np.maximum(weights, 0.0)
-    total = weights.sum(axis=1, keepdims=True)
-    flat = total[:, 0] <= 0.0  # triangles without area: their nearest corner
-    if flat.any():
-        nearest = np.linalg.norm(corners[flat] - points[flat][:, None], axis=2).argmin(axis=1)
-        weights[flat] = np.eye(3)[nearest]
-        total[flat] = 1.0
-    barycentric: FloatArray = weights / total
-    return barycentric
