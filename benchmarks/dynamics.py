@@ -8,7 +8,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from populations import family
 
 from ostiform.evaluation import prediction_errors, true_population
 from ostiform.model import (
@@ -22,6 +21,7 @@ from ostiform.model import (
 from ostiform.study import ShapeId
 from ostiform.surface.files import read_mesh
 from ostiform.surface.operators import vertex_areas
+from tests.populations import family
 
 EDGE_MM = 7.0
 TRAJECTORIES = {

@@ -9,10 +9,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from oracles.mesh_zoo import ZOO, Specimen, study_of  # noqa: E402
-
 from ostiform.errors import InputError  # noqa: E402
 from ostiform.pipeline.check import check_study  # noqa: E402
+from tests.oracles.mesh_zoo import ZOO, Specimen, study_of  # noqa: E402
 
 
 def outcome(specimen: Specimen, folder: Path) -> tuple[str, str]:

@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from populations import area_weights, two_part_template
 
 from benchmarks.compare import COLUMNS, header, moved_points, row
 from benchmarks.judging import Verdict, polyline_distances, summary
 from ostiform.evaluation import OriginalMesh
+from tests.populations import area_weights, two_part_template
 
 
 def verdict(**known) -> Verdict:

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere
 
 from ostiform.errors import InputError
 from ostiform.pipeline import Stage, build_study
 from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.surface import write_surface
+from tests.oracles.holed_spheres import holed_sphere
 
 STUDY = """
 schema = 1

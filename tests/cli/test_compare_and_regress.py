@@ -5,13 +5,13 @@ import json
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.cli import application
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project, write_model
 from ostiform.pipeline.statistics import smallest_p_value
 from ostiform.statistics import covariate_of
 from ostiform.surface import read_mesh
+from tests.populations import population
 
 SUBJECTS = 16
 

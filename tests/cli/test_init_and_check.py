@@ -1,12 +1,12 @@
 import json
 
 import pytest
-from oracles.mesh_zoo import ZOO, sound, study_of
 
 from ostiform.cli.check import check
 from ostiform.cli.init import init
 from ostiform.cli.options import Common
 from ostiform.surface import write_surface
+from tests.oracles.mesh_zoo import ZOO, sound, study_of
 
 
 def specimen(flaw):

@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.cli.predict import predict
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project, write_model
 from ostiform.surface import write_surface
+from tests.populations import population, two_part_template
 
 
 @pytest.fixture(scope="module")

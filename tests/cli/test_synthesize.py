@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.cli import application
 from ostiform.model import (
@@ -19,6 +18,7 @@ from ostiform.model import (
     write_model,
 )
 from ostiform.surface import read_mesh
+from tests.populations import population
 
 
 def stored_population(subjects, phases):

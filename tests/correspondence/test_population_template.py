@@ -1,13 +1,5 @@
 import numpy as np
 import pytest
-from star_shapes import (
-    closed_domain,
-    cup_domain,
-    heart_domain,
-    star_embedding,
-    two_sphere_domain,
-    wavy,
-)
 
 from ostiform.correspondence import (
     mean_surface,
@@ -20,6 +12,14 @@ from ostiform.correspondence.untangled_template import fold_free_triangulation
 from ostiform.domain import graded_template, triangle_quality
 from ostiform.errors import InputError
 from ostiform.surface import count_flipped, euler_characteristic, half_edges
+from tests.star_shapes import (
+    closed_domain,
+    cup_domain,
+    heart_domain,
+    star_embedding,
+    two_sphere_domain,
+    wavy,
+)
 
 DOMAIN = heart_domain()
 SHAPES = [

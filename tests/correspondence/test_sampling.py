@@ -2,7 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from star_shapes import (
+
+from ostiform.correspondence import pull_back, sample, sample_with_derivative, sampler
+from ostiform.domain import Circle, graded_template
+from ostiform.errors import InputError
+from ostiform.surface import distances_to_surface, normalised
+from tests.star_shapes import (
     closed_domain,
     cup_domain,
     heart_domain,
@@ -10,11 +15,6 @@ from star_shapes import (
     two_sphere_domain,
     wavy,
 )
-
-from ostiform.correspondence import pull_back, sample, sample_with_derivative, sampler
-from ostiform.domain import Circle, graded_template
-from ostiform.errors import InputError
-from ostiform.surface import distances_to_surface, normalised
 
 DOMAIN = heart_domain()
 HEART = star_embedding(DOMAIN.spheres[0], wavy(0.15), 2500)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_shape_step import LEAST_SLOPE, bench
 
 from ostiform.correspondence import CorrespondenceSettings, SurfaceMarks, correspond, place
 from ostiform.correspondence.build import shared_metric_of_template
@@ -18,6 +17,7 @@ from ostiform.correspondence.terms.landmarks import (
     template_marks,
 )
 from ostiform.errors import InputError
+from tests.correspondence.test_shape_step import LEAST_SLOPE, bench
 from tests.oracles.warped_shapes import one_part_domain, triangulated, warped_family
 
 NAMES = ("a", "b", "c", "d")

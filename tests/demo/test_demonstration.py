@@ -8,8 +8,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
+from ostiform.demo.contouring import canonical_points, extract
 from ostiform.demo.demonstration import demonstration_truth, write_demonstration
-from ostiform.demo.extraction import canonical_points, extract
 from ostiform.demo.truth import read_truth
 from ostiform.errors import InputError, TopologyError
 from ostiform.study import read_shape, read_study

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from ostiform.demo.contouring import canonical_points, extract
 from ostiform.demo.demonstration import demonstration_truth
-from ostiform.demo.extraction import canonical_points, extract
 from ostiform.demo.truth import (
     material_coordinates,
     read_truth,

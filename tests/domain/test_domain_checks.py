@@ -5,15 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.left_heart_domain import (
-    MITRAL,
-    VEINS,
-    at,
-    chain,
-    left_heart_holes,
-    left_heart_outline,
-    outline,
-)
 
 from ostiform.domain import (
     BaseDomain,
@@ -29,6 +20,15 @@ from ostiform.domain import (
 )
 from ostiform.errors import ArtifactError, InputError
 from ostiform.surface import Seam
+from tests.oracles.left_heart_domain import (
+    MITRAL,
+    VEINS,
+    at,
+    chain,
+    left_heart_holes,
+    left_heart_outline,
+    outline,
+)
 
 
 def test_a_domain_survives_json_bit_for_bit(rng):

@@ -4,16 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere
-from oracles.left_heart_domain import (
-    MITRAL,
-    VEINS,
-    at,
-    chain,
-    left_heart_holes,
-    left_heart_outline,
-    outline,
-)
 from scipy.spatial.transform import Rotation
 
 from ostiform.domain import (
@@ -31,6 +21,16 @@ from ostiform.domain import (
 )
 from ostiform.errors import InputError, TopologyError
 from ostiform.surface import Component, Seam
+from tests.oracles.holed_spheres import holed_sphere
+from tests.oracles.left_heart_domain import (
+    MITRAL,
+    VEINS,
+    at,
+    chain,
+    left_heart_holes,
+    left_heart_outline,
+    outline,
+)
 
 NARROW = np.radians(3.5)
 

@@ -4,7 +4,6 @@ import time
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import half_sphere, holed_sphere
 from scipy.spatial.transform import Rotation
 
 from ostiform.domain import PoseMethod, landmarks, population_poses
@@ -12,6 +11,7 @@ from ostiform.domain.procrustes import transformed
 from ostiform.errors import InputError
 from ostiform.study import Shape, ShapeId
 from ostiform.surface import Seam, Surface, boundary_loops
+from tests.oracles.holed_spheres import half_sphere, holed_sphere
 
 MANY_HOLES = {
     "mitral": ([0.0, 0.0, 1.0], 0.5),

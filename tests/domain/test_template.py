@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from star_shapes import closed_domain, cup_domain, heart_domain, two_sphere_domain, unit
 
 from ostiform.domain import (
     BaseDomain,
@@ -23,6 +22,7 @@ from ostiform.surface import (
     spherical_fibonacci,
     unique_edges,
 )
+from tests.star_shapes import closed_domain, cup_domain, heart_domain, two_sphere_domain, unit
 
 EXACT = 1e-12  # a point from an angle and back
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import sphere_with_circles
 
 from ostiform.embedding.energy import (
     EnergyWeights,
@@ -14,6 +13,7 @@ from ostiform.embedding.energy import (
 from ostiform.embedding.newton import map_problem
 from ostiform.embedding.reference import equilateral_reference, surface_reference
 from ostiform.surface import face_areas, spherical_areas
+from tests.oracles.holed_spheres import sphere_with_circles
 
 WEIGHTS = EnergyWeights(0.3, 1.0, 0.7)
 

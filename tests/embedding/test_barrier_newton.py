@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import circle, domain_of_circles
 
 from ostiform.embedding.continuation import continued
 from ostiform.embedding.energy import EnergyWeights, energy_value
 from ostiform.embedding.newton import MovingRim, map_problem, minimised
 from ostiform.embedding.reference import surface_reference
 from ostiform.surface import count_flipped, spherical_areas
+from tests.oracles.spherical_domains import circle, domain_of_circles
 
 WEIGHTS = EnergyWeights(0.0, 1.0, 1.0)
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import SEAM, circle, domain_of_circles, left_atrium, left_heart
 
 from ostiform.domain import Circle, Sphere
 from ostiform.embedding import certify, population_problems
 from ostiform.errors import InputError
 from ostiform.surface import Component, inverse_stereographic, rotation_between, stereographic
+from tests.oracles.spherical_domains import SEAM, circle, domain_of_circles, left_atrium, left_heart
 
 
 def twisted(directions, border, outer, angle):

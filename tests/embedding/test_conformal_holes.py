@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import SEAM, circle, domain_of_circles
 
 from ostiform.domain import Circle
 from ostiform.embedding import conformal_holes
@@ -12,6 +11,7 @@ from ostiform.embedding.area_targets import part_scales
 from ostiform.embedding.pose_fit import best_rotation, best_turn, posed_moments
 from ostiform.embedding.seam_warp import seams_on_circles
 from ostiform.surface import count_flipped, face_areas
+from tests.oracles.spherical_domains import SEAM, circle, domain_of_circles
 
 POSE = np.eye(4)
 

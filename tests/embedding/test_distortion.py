@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import SEAM, left_atrium, left_heart
 
 from ostiform.domain import ConformalHoles
 from ostiform.embedding import (
@@ -17,6 +16,7 @@ from ostiform.embedding.distortion import angle_distortion, area_shares
 from ostiform.errors import TopologyError
 from ostiform.surface import Component, inverse_stereographic, stereographic
 from ostiform.surface.quantiles import weighted_quantile
+from tests.oracles.spherical_domains import SEAM, left_atrium, left_heart
 
 NO_HOLES = ConformalHoles({}, {})
 

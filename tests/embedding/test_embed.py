@@ -5,14 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.implicit_atria import (
-    atrium,
-    joined_component,
-    left_heart,
-    opened_component,
-    ventricle,
-)
-from oracles.spherical_domains import SEAM, circle, domain_of_circles
 
 from ostiform.domain import Sphere, lay_out, outlined
 from ostiform.embedding import EmbeddingSettings, certify, conformal_holes, embed
@@ -21,6 +13,14 @@ from ostiform.embedding.untangle import Untangled
 from ostiform.errors import EmbeddingError, InputError
 from ostiform.surface import Component, Seam
 from ostiform.surface.hygiene import cleaned_for_embedding
+from tests.oracles.implicit_atria import (
+    atrium,
+    joined_component,
+    left_heart,
+    opened_component,
+    ventricle,
+)
+from tests.oracles.spherical_domains import SEAM, circle, domain_of_circles
 
 POSE = np.eye(4)
 DRIVER = importlib.import_module(
@@ -110,7 +110,7 @@ def test_many_random_atria_are_embedded(seed, relax):
 
 @pytest.mark.long
 def test_every_usable_real_surface_is_embedded(shared_data):
-    from oracles.real_surfaces import left_atrium, left_heart_template, ventricle_phase
+    from tests.oracles.real_surfaces import left_atrium, left_heart_template, ventricle_phase
 
     components = [left_atrium(shared_data, number) for number in (1, 2, 4, 6)]
     components += [left_heart_template(shared_data), ventricle_phase(shared_data, 8)]
@@ -120,7 +120,7 @@ def test_every_usable_real_surface_is_embedded(shared_data):
 
 
 def test_a_real_atrium_is_embedded(shared_data):
-    from oracles.real_surfaces import left_atrium
+    from tests.oracles.real_surfaces import left_atrium
 
     embedding = embedded(left_atrium(shared_data, 2), "LA.0")
     assert embedding.certificate.problems == ()

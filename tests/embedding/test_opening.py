@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from oracles.implicit_atria import atrium, opened_component
 
 from ostiform.domain import Circle, Sphere
 from ostiform.embedding.disc import (
@@ -14,7 +13,7 @@ from ostiform.embedding.disc import (
     tutte_disc,
 )
 from ostiform.embedding.opening import opened_disc
-from ostiform.embedding.parts import part_discs
+from ostiform.embedding.part_discs import part_discs
 from ostiform.embedding.rims import rims_turned
 from ostiform.embedding.untangle import untangled
 from ostiform.surface import (
@@ -23,6 +22,7 @@ from ostiform.surface import (
     spherical_areas,
     stereographic,
 )
+from tests.oracles.implicit_atria import atrium, opened_component
 
 
 def direction(polar, azimuth):

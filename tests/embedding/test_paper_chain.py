@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import SEAM, circle, domain_of_circles, left_atrium, left_heart, tube
 
 from ostiform.domain import ConformalHoles, Sphere
 from ostiform.embedding import (
@@ -33,6 +32,14 @@ from ostiform.surface import (
     count_flipped,
     rotation_between,
     uniform_laplacian,
+)
+from tests.oracles.spherical_domains import (
+    SEAM,
+    circle,
+    domain_of_circles,
+    left_atrium,
+    left_heart,
+    tube,
 )
 
 SOLVERS = ("conjugate-gradient", "linear-program")

@@ -4,7 +4,6 @@ import csv
 
 import numpy as np
 import pytest
-from populations import ellipsoids, population, two_part_template
 
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import (
@@ -20,6 +19,7 @@ from ostiform.evaluation import (
 )
 from ostiform.evaluation.table import COLUMNS
 from ostiform.model import fit_model, mesh_of_template, reconstruct, sample_scores
+from tests.populations import ellipsoids, population, two_part_template
 
 
 def decomposed(shapes):

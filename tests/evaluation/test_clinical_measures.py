@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.errors import InputError
 from ostiform.evaluation import part_volumes
@@ -13,6 +12,7 @@ from ostiform.evaluation.measurements import (
     rim_measures,
 )
 from ostiform.model import ModelMesh, mesh_of_template
+from tests.populations import population, two_part_template
 
 FINE = 2e-3  # relative: polygons of a few hundred sides
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from populations import area_weights, population
 
 from ostiform.errors import InputError
 from ostiform.evaluation import level_residues, model_specificity
@@ -23,6 +22,7 @@ from ostiform.model import (
 )
 from ostiform.study import ShapeId
 from ostiform.surface.files import read_mesh
+from tests.populations import area_weights, population
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from populations import area_weights, population, two_part_template
 
 from ostiform.errors import InputError
 from ostiform.evaluation import (
@@ -17,6 +16,7 @@ from ostiform.evaluation import (
 from ostiform.evaluation.distances import diameter
 from ostiform.model import fit_model, mesh_of_template, reconstruct, sample_scores, truncated
 from ostiform.surface.quantiles import weighted_quantile
+from tests.populations import area_weights, population, two_part_template
 
 ROUNDING = 1e-10
 

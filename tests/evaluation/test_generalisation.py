@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from populations import population
 from scipy import stats
 
 from ostiform.errors import ArtifactError, InputError
@@ -29,6 +28,7 @@ from ostiform.evaluation import (
     write_evaluation,
 )
 from ostiform.model import fit_model, mesh_of_template, project, reconstruct
+from tests.populations import population
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.errors import InputError
 from ostiform.evaluation import Division, cross_validation_folds, left_out_point_residues
 from ostiform.model import fit_model, mesh_of_template, project, reconstruct
+from tests.populations import population
 
 
 def residues_by_fitting(shapes, modes):

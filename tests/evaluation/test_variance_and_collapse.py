@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from populations import area_weights, ellipsoids, population, two_part_template
 
 from ostiform.errors import InputError
 from ostiform.evaluation import (
@@ -20,6 +19,7 @@ from ostiform.evaluation import (
 )
 from ostiform.evaluation import variance as variance_module
 from ostiform.model import fit_model, mesh_of_template
+from tests.populations import area_weights, ellipsoids, population, two_part_template
 
 ROUNDING = 1e-10
 

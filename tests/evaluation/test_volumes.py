@@ -4,12 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.errors import InputError
 from ostiform.evaluation import enclosed_volumes, part_volumes, volume_curves
 from ostiform.model import mesh_of_template
 from ostiform.study import ShapeId
+from tests.populations import population, two_part_template
 
 ROUNDING = 1e-12  # relative: sums of a few hundred products
 

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.cli.adopt import Source, adopt
 from ostiform.cli.export import export
@@ -19,6 +18,7 @@ from ostiform.model import (
     write_correspondence,
     write_model,
 )
+from tests.populations import population
 
 JSON = Common(json=True)
 

@@ -8,8 +8,6 @@ import numpy as np
 import openpyxl
 import pytest
 import pyvista
-from compare import assert_same_model
-from populations import population
 
 from ostiform.errors import ArtifactError, InputError, OstiformError
 from ostiform.evaluation import read_evaluation
@@ -35,6 +33,8 @@ from ostiform.model import (
 from ostiform.pipeline.adopt import adopt_shapes
 from ostiform.pipeline.adopt_sources import SourceSettings
 from ostiform.pipeline.export import export_results
+from tests.compare import assert_same_model
+from tests.populations import population
 
 PHASES = SourceSettings(pattern="{subject}_{phase}.vtp", parts=("LV", "LA"))
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pygltflib
 import pytest
-from populations import population
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOGeometry import vtkGLTFReader
 
@@ -26,6 +25,7 @@ from ostiform.exchange import (
     write_modes_glb,
 )
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project, reconstruct
+from tests.populations import population
 
 SINGLE = 4e-7  # relative: glTF holds single precision
 VALIDATOR = Path(__file__).resolve().parents[2] / "viewer" / "node_modules" / "gltf-validator"

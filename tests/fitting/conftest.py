@@ -1,7 +1,7 @@
 import pytest
-from fitting_cases import stored_ellipsoids
 
 from ostiform.fitting import fit_prior
+from tests.fitting.fitting_cases import stored_ellipsoids
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,11 @@
 """A model of beating ellipsoids of two parts, and shapes that it has never seen."""
 
 import numpy as np
-from populations import population, two_part_template
 from scipy.spatial.transform import Rotation
 
 from ostiform.fitting import FitPrior, SurfaceTarget
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
+from tests.populations import population, two_part_template
 
 
 def stored_ellipsoids(subjects=8, phases=4, seed=3):

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import pyvista
-from fitting_cases import drawn_shape
 
 from ostiform.cli import COMMANDS
 from ostiform.cli.fit import Files, fit
@@ -16,6 +15,7 @@ from ostiform.fitting.files import FileRules, read_named_points, read_targets
 from ostiform.model import write_model
 from ostiform.surface import read_mesh, write_surface
 from ostiform.surface.polylines import read_polylines
+from tests.fitting.fitting_cases import drawn_shape
 
 PARTS = ("LV", "LA")
 

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fitting_cases import drawn_shape, stored_ellipsoids, surface_of
-from populations import two_part_template
 from scipy.spatial.transform import Rotation
 
 from ostiform.errors import InputError
@@ -27,7 +25,6 @@ from ostiform.fitting.kernels import design_rows
 from ostiform.fitting.landmarks import labelled
 from ostiform.fitting.leftover import matern
 from ostiform.fitting.linear import State, moved, placed_points, pose_rows
-from ostiform.fitting.matching import with_openings_matched
 from ostiform.fitting.patches import (
     closest_on_curve,
     curve_distance,
@@ -36,17 +33,19 @@ from ostiform.fitting.patches import (
     open_patch,
 )
 from ostiform.fitting.prior import MOST_GROWTH
+from ostiform.fitting.rim_kinds import with_openings_matched
 from ostiform.model import StoredModel, fit_model, project, reconstruct
 from ostiform.study import ShapeId
 from ostiform.surface import closest_points, face_areas, surface_tree
 from ostiform.surface.normals import vertex_normals
+from tests.fitting.fitting_cases import drawn_shape, stored_ellipsoids, surface_of
+from tests.populations import two_part_template
 
 
 def planted(rng, groups=40, length=14.0, deviation=0.8):
     """Return a stored model of spheres with one mode of size and a smooth field of known law."""
-    from populations import area_weights
-
     from ostiform.model import mesh_of_template
+    from tests.populations import area_weights
 
     template = two_part_template(rows=15, columns=24)
     base = 40.0 * template.points

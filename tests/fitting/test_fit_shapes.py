@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fitting_cases import drawn_pose, drawn_shape, rms, surface_of
 from scipy.stats import kstest
 
 from ostiform.errors import InputError
@@ -21,6 +20,7 @@ from ostiform.fitting import (
 from ostiform.model import fit_model, mesh_of_template, posterior, truncated
 from ostiform.model.types import ModelMesh, StoredModel
 from ostiform.surface import boundary_loops, face_areas, read_mesh
+from tests.fitting.fitting_cases import drawn_pose, drawn_shape, rms, surface_of
 
 KNOWN = FitSettings(pose="known")
 

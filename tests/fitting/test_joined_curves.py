@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from ostiform.fitting.curves import joined_curves
+from ostiform.fitting.contours import joined_curves
 from ostiform.fitting.files import FileRules, read_targets
 
 

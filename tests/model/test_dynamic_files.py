@@ -3,8 +3,6 @@
 import h5py
 import numpy as np
 import pytest
-from compare import assert_same_model
-from populations import population
 from scipy.stats import ttest_1samp
 
 from ostiform.errors import ArtifactError
@@ -21,6 +19,8 @@ from ostiform.model import (
     write_dynamic_model,
     write_model,
 )
+from tests.compare import assert_same_model
+from tests.populations import population
 
 
 @pytest.fixture(scope="module")

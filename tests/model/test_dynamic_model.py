@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from compare import assert_same_modes
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from populations import population, two_part_template
 
 from ostiform.errors import InputError
 from ostiform.model import (
@@ -34,6 +32,8 @@ from ostiform.model import (
     within_shapes,
 )
 from ostiform.study import ShapeId
+from tests.compare import assert_same_modes
+from tests.populations import population, two_part_template
 
 ROUNDING = 1e-9  # relative: products of a few hundred numbers
 

@@ -5,8 +5,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from compare import assert_same_model
-from populations import population
 
 from ostiform.errors import ArtifactError, InputError
 from ostiform.model import (
@@ -25,6 +23,8 @@ from ostiform.model import (
     write_model,
 )
 from ostiform.surface.files import read_mesh
+from tests.compare import assert_same_model
+from tests.populations import population
 
 SINGLE = 2e-6  # relative: the published layout holds single precision
 

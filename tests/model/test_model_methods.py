@@ -5,10 +5,10 @@ import sys
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.errors import InputError
 from ostiform.model import fit_model, mesh_of_template
+from tests.populations import population
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +28,12 @@ def test_a_displaced_mean_lies_so_many_deviations_along_its_mode(model):
     np.testing.assert_allclose(scores, expected, atol=1e-9)
     with pytest.raises(InputError, match="expected an index from 0"):
         model.displaced(len(model.modes), 1.0)
+
+
+def test_without_pyvista_a_plot_says_what_to_install(model, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(InputError, match=r"pip install 'ostiform\[plot\]'"):
+        model.plot()
 
 
 def test_equal_seeds_draw_equal_shapes(model):
@@ -59,7 +65,7 @@ PICTURE = """
 import sys
 sys.path.insert(0, {tests!r})
 import numpy as np
-from populations import population
+from tests.populations import population
 from ostiform.model import fit_model, mesh_of_template
 shapes = population(3, 2, np.random.default_rng(7))
 model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))

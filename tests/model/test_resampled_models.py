@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from compare import assert_same_model
-from populations import population, two_part_template
 
 from ostiform.errors import InputError, TopologyError
 from ostiform.model import (
@@ -20,6 +18,8 @@ from ostiform.model import (
     truncated,
 )
 from ostiform.surface import boundary_loops, vertex_areas
+from tests.compare import assert_same_model
+from tests.populations import population, two_part_template
 
 ROUNDING = 1e-9  # relative to the size of the shapes
 

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from compare import assert_same_model, assert_same_modes
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from populations import area_weights, ellipsoids, population, two_part_template
 
 from ostiform.errors import InputError
 from ostiform.model import (
@@ -24,6 +22,8 @@ from ostiform.model import (
     sample_scores,
     truncated,
 )
+from tests.compare import assert_same_model, assert_same_modes
+from tests.populations import area_weights, ellipsoids, population, two_part_template
 
 ROUNDING = 1e-10  # relative: sums over a few hundred points in double precision
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.errors import InputError
 from ostiform.model import (
@@ -18,6 +17,7 @@ from ostiform.model import (
     widened_stored,
 )
 from ostiform.model.widening import kernel_factor
+from tests.populations import population
 
 ROUNDING = 1e-9
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pyvista as pv
-from oracles.holed_spheres import holed_sphere, torus
 
 from ostiform.surface import boundary_loops, write_surface
+from tests.oracles.holed_spheres import holed_sphere, torus
 
 RADIUS_MM = 40.0
 MITRAL = ((0.0, 0.0, -1.0), 0.6, 40)

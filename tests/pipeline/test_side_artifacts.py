@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.errors import ArtifactError, InputError
 from ostiform.execution import Workers
@@ -20,6 +19,7 @@ from ostiform.pipeline.covariates import COVARIATES, read_covariates, write_cova
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store
 from ostiform.study import ShapeEntry, ShapeId, Study, StudySettings
+from tests.populations import population
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from populations import population
 
 from ostiform.errors import InputError
 from ostiform.model import fit_model, mesh_of_template
@@ -17,6 +16,7 @@ from ostiform.report.animation import (
     write_frames,
     write_webp,
 )
+from tests.populations import population
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.evaluation import left_out_point_residues, part_volumes
 from ostiform.model import (
@@ -28,6 +27,7 @@ from ostiform.report import (
     viewer_section,
     volumes_section,
 )
+from tests.populations import population, two_part_template
 
 pytestmark = pytest.mark.long
 

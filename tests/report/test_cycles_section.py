@@ -4,7 +4,6 @@ import csv
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.evaluation import (
     clinical_table,
@@ -24,6 +23,7 @@ from ostiform.pipeline.dynamics import write_dynamics
 from ostiform.pipeline.store import Store
 from ostiform.report import clinical_section, cycles_section
 from ostiform.report.cycles import clinical_figure
+from tests.populations import population, two_part_template
 
 SETTINGS = {"seed": 0, "evaluation": {"specificity_samples": 50}}
 

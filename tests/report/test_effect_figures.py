@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
 from ostiform.report.effects import effect_figure, effect_page, null_figure
 from ostiform.report.html import render_page
 from ostiform.statistics import EffectSettings, covariate_of, shape_effect, subject_shapes
+from tests.populations import population
 
 
 @pytest.fixture(scope="module")

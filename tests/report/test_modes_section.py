@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.model import StoredModel, dynamic_model_of, fit_model, mesh_of_template, project
 from ostiform.report import modes_section, viewer_section
+from tests.populations import population, two_part_template
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.domain import BaseDomain, Circle, Sphere
 from ostiform.embedding import Certificate, Distortion
@@ -15,6 +14,7 @@ from ostiform.report import FailedShape, MapRecord, quality_section, sampled_kin
 from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, ComponentRecord
 from ostiform.report.quality import FLAGGED_ABOVE, MOST_PICTURES, flagged_measures, modified_scores
 from ostiform.surface import Seam, Surface
+from tests.populations import population, two_part_template
 
 SEAM = Seam("LV.mitral", "LA.mitral")
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from populations import population, two_part_template
 
 from ostiform.evaluation import volume_curves
 from ostiform.model import fit_model, mesh_of_template
@@ -23,9 +22,15 @@ from ostiform.report.distortions import distortion_figure, seam_figure
 from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
 from ostiform.report.maps import MapPanel, map_figure
 from ostiform.report.modes import model_views, modes_figure
-from ostiform.report.points import PointColumn, points_figure, shapes_figure, surfaces_figure
+from ostiform.report.point_pictures import (
+    PointColumn,
+    points_figure,
+    shapes_figure,
+    surfaces_figure,
+)
 from ostiform.study import ShapeId
 from ostiform.surface import Surface
+from tests.populations import population, two_part_template
 
 KINDS = ("conformal", "euclidean", "optimal")
 

@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from populations import population, two_part_template
 
 from ostiform.evaluation import left_out_point_residues, part_volumes
 from ostiform.model import (
@@ -19,6 +18,7 @@ from ostiform.model import (
 )
 from ostiform.report import viewer, viewer_data, viewer_section, volumes_section
 from ostiform.report.viewer import point_spread
+from tests.populations import population, two_part_template
 
 TOLERANCE_MM = 0.02  # half units of the mean and of a dozen modes of some 50 mm, times scores
 

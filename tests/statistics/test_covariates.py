@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.errors import InputError
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
@@ -15,6 +14,7 @@ from ostiform.statistics import (
     subject_shapes,
     subject_values,
 )
+from tests.populations import population
 
 ROWS = [
     ("S1", {"age": "61", "sex": "f"}),

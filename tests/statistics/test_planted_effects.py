@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from populations import population
 
 from ostiform.errors import InputError
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
@@ -16,6 +15,7 @@ from ostiform.statistics import (
     shape_effect,
     subject_shapes,
 )
+from tests.populations import population
 
 SUBJECTS = 24
 

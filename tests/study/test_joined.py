@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere, sphere_with_circles
 
 from ostiform.errors import InputError
 from ostiform.study import read_shape, read_study
 from ostiform.surface import welded_components, write_surface
+from tests.oracles.holed_spheres import holed_sphere, sphere_with_circles
 
 HEART = """
 schema = 1

@@ -5,10 +5,10 @@ import nibabel
 import nrrd
 import numpy as np
 import pytest
-from oracles.label_volumes import posed_grid
 
 from ostiform.errors import InputError
 from ostiform.study.labelmaps import is_label_map, label_mask, read_label_map
+from tests.oracles.label_volumes import posed_grid
 
 TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 

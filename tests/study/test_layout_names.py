@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere, sphere_with_circles
 from scipy.spatial.transform import Rotation
 
 from ostiform.domain import Circle, circle_to_part_sphere
@@ -12,6 +11,7 @@ from ostiform.study.layout_names import LayoutCircle, names_by_layout
 from ostiform.study.shape import ShapeId
 from ostiform.study.survey import ShapeSurvey, part_survey
 from ostiform.surface import Seam, boundary_loops
+from tests.oracles.holed_spheres import holed_sphere, sphere_with_circles
 
 VEINS = {
     "RSPV": (-0.7, -0.7, 0.3),

@@ -1,10 +1,10 @@
 import re
 
 import pytest
-from oracles.mesh_zoo import ZOO, study_of
 
 from ostiform.errors import InputError
 from ostiform.pipeline.check import check_study
+from tests.oracles.mesh_zoo import ZOO, study_of
 
 
 @pytest.mark.parametrize("specimen", ZOO, ids=[specimen.flaw for specimen in ZOO])

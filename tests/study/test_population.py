@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere
 from scipy.spatial.transform import Rotation
 
 from ostiform.errors import InputError
@@ -9,6 +8,7 @@ from ostiform.study.population import checked_names
 from ostiform.study.shape import ShapeId
 from ostiform.study.survey import ShapeSurvey, part_survey, survey_from_json, survey_to_json
 from ostiform.surface import boundary_loops
+from tests.oracles.holed_spheres import holed_sphere
 
 # Like an atrium: a wide opening below, four veins that no turn or mirror image exchanges.
 CENTERS = {

@@ -2,12 +2,12 @@ import nibabel
 import nrrd
 import numpy as np
 import pytest
-from oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles
 
 from ostiform.errors import InputError
 from ostiform.study import parsed_settings, proposed_study, read_study, survey_shape
 from ostiform.study.name_pattern import guessed_pattern
 from ostiform.surface import write_surface
+from tests.oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles
 
 
 @pytest.mark.parametrize(

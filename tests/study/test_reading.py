@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles, torus
 
 from ostiform.errors import InputError, TopologyError
 from ostiform.study import read_shape, read_study
 from ostiform.surface import boundary_loops, enclosed_volume, welded_components, write_surface
+from tests.oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles, torus
 
 HEART = """
 schema = 1

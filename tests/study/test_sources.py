@@ -3,8 +3,6 @@ import json
 import nibabel
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere, sphere_with_circles
-from oracles.label_volumes import posed_grid, voxel_centers
 from scipy.spatial.transform import Rotation
 
 from ostiform.errors import InputError
@@ -17,6 +15,8 @@ from ostiform.surface import (
     welded_components,
     write_surface,
 )
+from tests.oracles.holed_spheres import holed_sphere, sphere_with_circles
+from tests.oracles.label_volumes import posed_grid, voxel_centers
 
 TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 HEART = """

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import half_sphere, holed_sphere, torus
 
 from ostiform.errors import InputError, TopologyError
 from ostiform.surface import (
@@ -14,6 +13,7 @@ from ostiform.surface import (
     split_ostium_name,
     welded_components,
 )
+from tests.oracles.holed_spheres import half_sphere, holed_sphere, torus
 
 MITRAL = Seam("LV.mitral", "LA.mitral")
 

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere
-from oracles.label_volumes import voxel_centers
 
 from ostiform.errors import InputError
 from ostiform.surface import boundary_loops, face_areas, genus
 from ostiform.surface.cutting import cut_along_zero, tube_cut
 from ostiform.surface.extraction import level_field, level_surface
+from tests.oracles.holed_spheres import holed_sphere
+from tests.oracles.label_volumes import voxel_centers
 
 
 def sphere():

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from oracles.label_volumes import ellipsoid_distance, posed_grid, voxel_centers
 from scipy.spatial.transform import Rotation
 
 from ostiform.errors import InputError
 from ostiform.surface import boundary_loops, enclosed_volume, genus, vertex_areas
 from ostiform.surface.extraction import level_field, level_surface, level_values
+from tests.oracles.label_volumes import ellipsoid_distance, posed_grid, voxel_centers
 
 AXES = np.array([25.0, 30.0, 45.0])
 VOLUME = 4.0 / 3.0 * np.pi * AXES.prod()

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 import pyvista as pv
-from oracles.holed_spheres import holed_sphere
 from vtkmodules.vtkIOLegacy import vtkPolyDataWriter, vtkUnstructuredGridWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
 
 from ostiform.errors import ArtifactError, InputError
 from ostiform.surface import RawMesh, read_mesh, write_surface
 from ostiform.surface.files import without_duplicate_vertices
+from tests.oracles.holed_spheres import holed_sphere
 
 PLY = b"""ply
 format ascii 1.0

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere, torus
 
 from ostiform.surface.handles import short_handle_curve
+from tests.oracles.holed_spheres import holed_sphere, torus
 
 
 def length(vertices, curve):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import SEAM, circle, domain_of_circles, left_atrium, left_heart
 
 from ostiform.errors import TopologyError
 from ostiform.surface import (
@@ -15,6 +14,7 @@ from ostiform.surface import (
     is_consistently_oriented,
     unique_edges,
 )
+from tests.oracles.spherical_domains import SEAM, circle, domain_of_circles, left_atrium, left_heart
 
 
 def replaced(component, vertices=None, faces=None, face_part=None, rims=None, seams=None):

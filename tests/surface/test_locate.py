@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from star_shapes import closed_domain, heart_domain, star_embedding, wavy
 
 from ostiform.errors import ConvergenceError, InputError, TopologyError
 from ostiform.surface import (
@@ -12,6 +11,7 @@ from ostiform.surface import (
     triangle_determinants,
     twin_half_edges,
 )
+from tests.star_shapes import closed_domain, heart_domain, star_embedding, wavy
 
 RECONSTRUCTION = 1e-13  # gnomonic coordinates from determinants of differences
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import sphere_with_circles
 
 from ostiform.errors import InputError, TopologyError
 from ostiform.surface import boundary_loops, genus, opened_by_value
+from tests.oracles.holed_spheres import sphere_with_circles
 
 CIRCLES = [((0, 0, 1), 0.5, 30), ((1, 0, 0), 0.3, 20)]
 

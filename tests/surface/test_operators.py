@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from oracles.spherical_domains import domain_of_circles, left_atrium
 
 from ostiform.surface import (
     corner_cotangents,
@@ -17,6 +16,7 @@ from ostiform.surface import (
     unique_edges,
     vertex_areas,
 )
+from tests.oracles.spherical_domains import domain_of_circles, left_atrium
 
 RIGHT_TRIANGLE = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
 ONE_FACE = np.array([[0, 1, 2]])

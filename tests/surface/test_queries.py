@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from star_shapes import closed_domain, star_embedding
 
 from ostiform.errors import InputError
 from ostiform.surface import (
@@ -10,6 +9,7 @@ from ostiform.surface import (
     surface_distance,
     surface_tree,
 )
+from tests.star_shapes import closed_domain, star_embedding
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]])

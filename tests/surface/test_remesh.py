@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from star_shapes import closed_domain, cup_domain, heart_domain, star_embedding, wavy
 
 from ostiform.domain import triangle_quality
 from ostiform.errors import ConvergenceError, InputError
@@ -18,6 +17,7 @@ from ostiform.surface import (
     unique_edges,
     without_unreferenced,
 )
+from tests.star_shapes import closed_domain, cup_domain, heart_domain, star_embedding, wavy
 
 HEART = star_embedding(heart_domain(8.0).spheres[0], wavy(0.2), 2500).component
 HEART_CURVES = [*HEART.rims.values(), *HEART.seams.values()]

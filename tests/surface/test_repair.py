@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere, torus
 
 from ostiform.errors import TopologyError
 from ostiform.surface import boundary_loops, enclosed_volume, genus
@@ -8,6 +7,7 @@ from ostiform.surface.fans import with_single_fans
 from ostiform.surface.intersections import crossing_triangles
 from ostiform.surface.loop_filling import filled_loops
 from ostiform.surface.repair import MendedMesh, mended_mesh, outward_mesh
+from tests.oracles.holed_spheres import holed_sphere, torus
 
 HOLES = [((0, 0, 1), 0.5, 30), ((1, 0, 0), 0.3, 20)]
 

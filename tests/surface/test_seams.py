@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import half_sphere
 
 from ostiform.errors import InputError
 from ostiform.surface import Seam, Surface, boundary_loops, genus, welded_components
 from ostiform.surface.seams import default_tolerance, loop_gap, sewn_seam
+from tests.oracles.holed_spheres import half_sphere
 
 
 def half(n_points, count, side, turn=0.0, radius=1.0):

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from oracles.holed_spheres import half_sphere, holed_sphere, torus
 from scipy.spatial import ConvexHull
 
 from ostiform.errors import TopologyError
@@ -19,6 +18,7 @@ from ostiform.surface import (
     unique_edges,
     without_unreferenced,
 )
+from tests.oracles.holed_spheres import half_sphere, holed_sphere, torus
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

@@ -5,8 +5,8 @@ Everything here is also available as ``ostiform.NAME``.
 
 from ostiform.api import figures
 from ostiform.api.example import example_results, example_study
+from ostiform.api.loading import read_model, read_study
 from ostiform.api.results import Results, build, read_results
-from ostiform.api.sources import read_model, read_study
 from ostiform.pipeline import Stage
 
 __all__ = [

@@ -1,9 +1,9 @@
+from .contouring import canonical_points as canonical_points
+from .contouring import extract as extract
 from .deformation import Deformation as Deformation
 from .demonstration import demonstration_truth as demonstration_truth
 from .demonstration import write_demonstration as write_demonstration
 from .demonstration import write_population as write_population
-from .extraction import canonical_points as canonical_points
-from .extraction import extract as extract
 from .truth import Truth as Truth
 from .truth import material_coordinates as material_coordinates
 from .truth import read_truth as read_truth

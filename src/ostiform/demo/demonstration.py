@@ -9,8 +9,8 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
+from ostiform.demo.contouring import canonical_points, extract
 from ostiform.demo.deformation import Deformation
-from ostiform.demo.extraction import canonical_points, extract
 from ostiform.demo.implicit import Anatomy
 from ostiform.demo.leftheart import left_heart, random_heart_subject
 from ostiform.demo.truth import Truth, write_truth

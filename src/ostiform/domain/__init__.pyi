@@ -8,7 +8,7 @@ from .json_form import domain_from_json as domain_from_json
 from .json_form import domain_to_json as domain_to_json
 from .layout import lay_out as lay_out
 from .layout import radius_candidates as radius_candidates
-from .levels import with_levels as with_levels
+from .nesting import with_levels as with_levels
 from .outline import ComponentOutline as ComponentOutline
 from .outline import chosen_pole as chosen_pole
 from .outline import outlined as outlined

@@ -15,7 +15,7 @@ from ostiform.errors import InputError
 from ostiform.surface import Seam, rotation_between
 
 # Narrow openings (veins): the embedding energy is flat between 2 and 6 degrees and least at 2 to
-# 4 for tubes of 4 to 8 radii (parameterisation.md, radius scan).
+# 4 for tubes of 4 to 8 radii (design 2).
 NARROW_RADIUS = float(np.radians(3.5))
 
 # A seam that leads to a further part gets the share of its region that the parts behind it have.

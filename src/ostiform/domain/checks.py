@@ -11,7 +11,7 @@ from ostiform.errors import InputError
 from ostiform.surface import Seam, split_ostium_name
 
 # Two circles closer than this leave triangles so thin between them that the worst distortion
-# exceeds a hundred (parameterisation.md 1.6: 0.4 to 1.7 degrees apart gave 387).
+# exceeds a hundred (design 2; measured: 0.4 to 1.7 degrees apart gave 387).
 LEAST_GAP = float(np.radians(3.0))
 
 # Rounding of angles that were written in degrees and of centres that were normalised.

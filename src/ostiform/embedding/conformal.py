@@ -16,7 +16,7 @@ from ostiform.embedding.disc import (
     disc_solution,
     pole_frame,
 )
-from ostiform.embedding.parts import PartDisc, part_discs, part_openings
+from ostiform.embedding.part_discs import PartDisc, part_discs, part_openings
 from ostiform.embedding.pose_fit import best_turn, posed_moments
 from ostiform.surface import Component, Seam, corner_cotangents, inverse_stereographic, vertex_areas
 

@@ -9,7 +9,7 @@ from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import NORTH, Circle, Sphere
 from ostiform.embedding.disc import pole_frame
 from ostiform.embedding.opening import opened_disc
-from ostiform.embedding.parts import part_discs
+from ostiform.embedding.part_discs import part_discs
 from ostiform.embedding.pose_fit import best_turn, posed_moments
 from ostiform.embedding.rims import rims_turned
 from ostiform.embedding.types import EmbeddingState

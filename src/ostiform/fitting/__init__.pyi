@@ -10,8 +10,6 @@ from .leftover import leftover_of_spectrum as leftover_of_spectrum
 from .posterior import shape_deviations as shape_deviations
 from .prior import FitPrior as FitPrior
 from .prior import fit_prior as fit_prior
-from .results import fit_facts as fit_facts
-from .results import write_fit as write_fit
 from .types import CloudTarget as CloudTarget
 from .types import ContourTarget as ContourTarget
 from .types import FitSettings as FitSettings
@@ -25,3 +23,5 @@ from .types import ShapeFit as ShapeFit
 from .types import SurfaceTarget as SurfaceTarget
 from .types import Target as Target
 from .types import Typicality as Typicality
+from .written_fit import fit_facts as fit_facts
+from .written_fit import write_fit as write_fit

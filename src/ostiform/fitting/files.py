@@ -10,7 +10,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
-from ostiform.fitting.curves import joined_curves
+from ostiform.fitting.contours import joined_curves
 from ostiform.fitting.types import (
     CloudTarget,
     ContourTarget,

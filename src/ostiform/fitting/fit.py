@@ -10,12 +10,12 @@ from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.fitting.data import KINDS, Data, prepared_data, sparser
 from ostiform.fitting.linear import State, placed_points
-from ostiform.fitting.matching import with_openings_matched
 from ostiform.fitting.noise import STUDENT_DOF, independent_share
 from ostiform.fitting.observations import model_surface, observations
 from ostiform.fitting.posterior import posterior_of
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.residues import measured_residues
+from ostiform.fitting.rim_kinds import with_openings_matched
 from ostiform.fitting.solver import Rules, Solution, solve
 from ostiform.fitting.starts import starting_poses
 from ostiform.fitting.types import (

@@ -1,15 +1,15 @@
-"""A shape in a PyVista window or picture, for notebooks. PyVista is loaded only when asked for."""
+"""A shape in a PyVista window or picture, for notebooks: the extra ``ostiform[plot]``."""
 
+import importlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import FloatArray
+from ostiform.errors import InputError
 from ostiform.model.mesh import ModelMesh
 
 if TYPE_CHECKING:
-    import pyvista
+    from pyvista import Plotter
 
 Colouring = Literal["part", "displacement", "deviation"]
 
@@ -25,7 +25,7 @@ def plotted(
     values: tuple[str, FloatArray] | None,
     off_screen: bool | None,
     window_size: Sequence[int],
-) -> "pyvista.Plotter":
+) -> "Plotter":
     """Return a PyVista plotter of a shape (P, 3), its openings drawn as lines.
 
     Parameters
@@ -36,20 +36,24 @@ def plotted(
         Title and numbers that colour the points; the parts have colours if absent.
     off_screen, window_size
         As `ShapeModel.plot`.
-    """
-    import pyvista
 
-    plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(window_size))
+    Raises
+    ------
+    InputError
+        If PyVista is not installed.
+    """
+    pyvista = _pyvista()
+    plotter: Plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(window_size))
     if values is None:
         for number in range(len(mesh.parts)):
             inside = mesh.face_part == number
             if inside.any():
-                piece = _surface(shape, mesh.faces[inside])
+                piece = pyvista.PolyData.from_regular_faces(shape, mesh.faces[inside])
                 paint = PART_COLOURS[number % len(PART_COLOURS)]
                 plotter.add_mesh(piece, color=paint, smooth_shading=True, ambient=AMBIENT)
     else:
         title, numbers = values
-        surface = _surface(shape, mesh.faces)
+        surface = pyvista.PolyData.from_regular_faces(shape, mesh.faces)
         surface.point_data[title] = numbers
         plotter.add_mesh(
             surface,
@@ -76,8 +80,12 @@ def plotted(
     return plotter
 
 
-def _surface(shape: FloatArray, faces: IntArray) -> "pyvista.PolyData":
-    import pyvista
-
-    corners = np.full((len(faces), 1), 3)
-    return pyvista.PolyData(shape, np.hstack([corners, faces]).ravel())
+def _pyvista() -> Any:
+    """Return the module, or say how to install it."""
+    try:
+        return importlib.import_module("pyvista")
+    except ModuleNotFoundError:
+        raise InputError(
+            "ShapeModel.plot: expected PyVista to be installed, found no package pyvista; install "
+            "it with `pip install 'ostiform[plot]'`"
+        ) from None

@@ -362,7 +362,7 @@ class ShapeModel:
         Raises
         ------
         InputError
-            If there are more scores than modes.
+            If there are more scores than modes, or PyVista is not installed.
         """
         shape = self.reconstruct(scores)
         values = {

@@ -31,7 +31,7 @@ from .map_records import sampled_kinks as sampled_kinks
 from .mapping import StateView as StateView
 from .mapping import maps_section as maps_section
 from .modes import modes_figure as modes_figure
-from .points import shapes_figure as shapes_figure
+from .point_pictures import shapes_figure as shapes_figure
 from .population import correspondence_section as correspondence_section
 from .population import modes_section as modes_section
 from .population import scores_section as scores_section

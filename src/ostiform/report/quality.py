@@ -10,7 +10,7 @@ from ostiform.evaluation import Evaluation, PointResidues
 from ostiform.model import StoredModel, reconstruct
 from ostiform.report.html import Picture, Section, Table
 from ostiform.report.map_records import MapRecord
-from ostiform.report.points import shapes_figure, surfaces_figure
+from ostiform.report.point_pictures import shapes_figure, surfaces_figure
 from ostiform.surface import Surface
 
 FLAGGED_ABOVE = 3.5

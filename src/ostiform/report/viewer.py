@@ -24,7 +24,7 @@ from ostiform.model import (
 )
 from ostiform.report.html import Picture, Section
 from ostiform.report.modes import model_views
-from ostiform.report.points import PointColumn, points_figure
+from ostiform.report.point_pictures import PointColumn, points_figure
 from ostiform.report.style import PART_COLOURS
 
 SLIDERS = 6

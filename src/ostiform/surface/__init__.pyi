@@ -11,6 +11,7 @@ from .extraction import kept_apart as kept_apart
 from .extraction import level_field as level_field
 from .extraction import level_surface as level_surface
 from .extraction import level_values as level_values
+from .extraction import zero_set as zero_set
 from .fans import face_fans as face_fans
 from .files import MESH_SUFFIXES as MESH_SUFFIXES
 from .files import read_mesh as read_mesh

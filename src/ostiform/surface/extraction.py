@@ -108,9 +108,28 @@ def level_surface(field: LevelField) -> tuple[FloatArray, IntArray]:
     vertices : (V, 3) float64, mm
     faces : (F, 3) int64
     """
+    index, faces = zero_set(field.values)
+    if len(faces) == 0:
+        raise InputError("expected an outline of the label, found none")
+    vertices = index @ field.affine[:3, :3].T + field.affine[:3, 3]
+    corners = vertices[faces] - vertices.mean(axis=0)
+    if np.linalg.det(corners).sum() < 0.0:
+        faces = faces[:, [0, 2, 1]]
+    return vertices, faces
+
+
+def zero_set(values: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return where the field (I, J, K) on a grid is zero, by flying edges.
+
+    Returns
+    -------
+    vertices : (V, 3) float64
+        In indices of the grid.
+    faces : (F, 3) int64
+    """
     image = vtkImageData()
-    image.SetDimensions(*field.values.shape)
-    scalars = np.ascontiguousarray(field.values.transpose(2, 1, 0)).reshape(-1)
+    image.SetDimensions(*values.shape)
+    scalars = np.ascontiguousarray(values.transpose(2, 1, 0)).reshape(-1)
     image.GetPointData().SetScalars(numpy_to_vtk(scalars, deep=True))  # type: ignore[no-untyped-call]
     edges = vtkFlyingEdges3D()
     edges.SetInputData(image)
@@ -121,19 +140,14 @@ def level_surface(field: LevelField) -> tuple[FloatArray, IntArray]:
     edges.Update()
     found = edges.GetOutput()
     if found.GetNumberOfCells() == 0:
-        raise InputError("expected an outline of the label, found none")
-    index = vtk_to_numpy(  # type: ignore[no-untyped-call]
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    vertices = vtk_to_numpy(  # type: ignore[no-untyped-call]
         found.GetPoints().GetData()
     ).astype(np.float64)
     connectivity = vtk_to_numpy(  # type: ignore[no-untyped-call]
         found.GetPolys().GetConnectivityArray()
     )
-    faces = connectivity.astype(np.int64).reshape(-1, 3)
-    vertices = index @ field.affine[:3, :3].T + field.affine[:3, 3]
-    corners = vertices[faces] - vertices.mean(axis=0)
-    if np.linalg.det(corners).sum() < 0.0:
-        faces = faces[:, [0, 2, 1]]
-    return vertices, faces
+    return vertices, connectivity.astype(np.int64).reshape(-1, 3)
 
 
 def level_values(field: LevelField, points: FloatArray) -> FloatArray:

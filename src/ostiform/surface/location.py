@@ -3,7 +3,7 @@
 Open rims are closed by fans of triangles round the centre of their circle, so that a walk from
 triangle to triangle is never blocked by a hole and every query lands. A direction that ends in a
 fan lies beyond the chords of a rim; it is moved along the great circle through the centre onto
-the rim (design 4, parameterisation.md 1.5).
+the rim (design 4).
 """
 
 from dataclasses import dataclass

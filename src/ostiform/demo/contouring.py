@@ -11,10 +11,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.demo.cutting import split_along
 from ostiform.demo.deformation import Deformation
 from ostiform.demo.implicit import Anatomy
 from ostiform.demo.relaxation import Sheet, project_to_surface, relaxed
+from ostiform.demo.splitting import split_along
 from ostiform.errors import TopologyError
 from ostiform.surface import (
     Surface,
@@ -23,6 +23,7 @@ from ostiform.surface import (
     enclosed_volume,
     euler_characteristic,
     unique_edges,
+    zero_set,
 )
 
 _GRID_PER_EDGE = 0.97
@@ -125,13 +126,7 @@ def _contour(
     level[band] = anatomy.level(material)[0]
     _fill_signs(level, band)
 
-    import pyvista as pv  # slow to import, and needed for generated populations only
-
-    grid = pv.ImageData(dimensions=shape)
-    mesh = grid.contour([0.0], level.ravel(order="F"), method="flying_edges")
-    vertices = np.asarray(mesh.points, dtype=np.float64)
-    faces = mesh.regular_faces.astype(np.int64)
-    vertices, faces = _merged_at_nodes(vertices, faces, shape)
+    vertices, faces = _merged_at_nodes(*zero_set(level), shape)
     points = ((vertices + low) * spacing) @ turn.T
     material = project_to_surface(anatomy, deformation.inverse(points), steps=2)
     _check_closed(faces)
