@@ -60,6 +60,28 @@ def test_the_number_of_folds_follows_the_number_of_subjects(subjects, division, 
     assert (folds.division, len(folds.folds)) == (division, count)
 
 
+@pytest.mark.parametrize(
+    ("subjects", "most", "division", "count"),
+    [
+        (1, 3, Division.PHASE_BLOCKS, 3),
+        (2, 3, Division.PHASE_BLOCKS, 2),
+        (4, 10, Division.SUBJECTS, 4),
+        (4, 2, Division.SUBJECT_GROUPS, 2),
+        (43, 5, Division.SUBJECT_GROUPS, 5),
+        (43, 50, Division.SUBJECTS, 43),
+    ],
+)
+def test_there_are_at_most_as_many_folds_as_asked_for(subjects, most, division, count):
+    folds = cross_validation_folds(make_ids([6] * subjects), most)
+    assert (folds.division, len(folds.folds)) == (division, count)
+
+
+def test_numbers_of_modes_end_where_the_smallest_fold_has_no_more():
+    folds = cross_validation_folds(make_ids([2, 2, 4]))  # trained on 6, 6 and 4 shapes
+    assert folds.mode_counts(10) == (0, 1, 2, 3)
+    assert folds.mode_counts(2) == (0, 1, 2)
+
+
 def test_blocks_of_phases_are_contiguous_in_time_whatever_the_order_of_the_study():
     ids = make_ids([25])[::-1]
     for fold in cross_validation_folds(ids).folds:

@@ -85,6 +85,7 @@ def test_a_minimal_study_takes_the_defaults():
     assert settings.alignment.model_dump() == {"mode": "rigid", "per": None}
     assert settings.evaluation.model_dump() == {
         "modes": 10,
+        "folds": None,
         "specificity_samples": 1000,
         "truth": None,
         "collapse": "stop",
@@ -221,3 +222,8 @@ def test_settings_cannot_be_changed():
     settings = parsed_settings(MINIMAL)
     with pytest.raises(Exception, match="frozen"):
         settings.units = "cm"
+
+
+def test_one_fold_is_no_cross_validation():
+    with pytest.raises(InputError, match=r"evaluation.folds: expected 0 for none or at least 2"):
+        parsed_settings(MINIMAL + "[evaluation]\nfolds = 1\n")

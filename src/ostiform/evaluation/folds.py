@@ -22,7 +22,7 @@ class Division(Enum):
     """What is left out together; the value is the sentence shown with the results."""
 
     SUBJECTS = "every subject left out in turn, with all its phases"
-    SUBJECT_GROUPS = f"{GROUPED_FOLDS} folds of whole subjects"
+    SUBJECT_GROUPS = "groups of whole subjects left out in turn"
     PHASE_BLOCKS = (
         f"contiguous blocks of phases left out in turn: fewer than {FEWEST_SUBJECTS} subjects, so "
         "no subject is new to the model and no interval can be given"
@@ -77,13 +77,28 @@ class Folds:
                     f"shape {min(shared)} in both"
                 )
 
+    def mode_counts(self, most: int) -> tuple[int, ...]:
+        """Return the numbers of modes, from 0 to at most so many, that every fold's model has.
 
-def cross_validation_folds(ids: Sequence[ShapeId]) -> Folds:
+        A model of n shapes has n - 1 modes; with more, averages over the numbers of modes would
+        count the last one several times.
+        """
+        return tuple(range(min(most, min(len(fold.train) for fold in self.folds) - 1) + 1))
+
+
+def cross_validation_folds(ids: Sequence[ShapeId], most: int | None = None) -> Folds:
     """Divide shapes for leave-one-subject-out cross-validation.
 
     One fold per subject; of more than 20 subjects, 10 folds of whole subjects, dealt in study
     order; of fewer than 3 subjects, 5 contiguous blocks of each subject's phases in order of
     time (fewer where a subject has fewer phases).
+
+    Parameters
+    ----------
+    ids : (N,) sequence of ShapeId
+    most : int, optional
+        Most folds, at least 2, in place of the 20, 10 and 5: as many groups of whole subjects
+        where there are more subjects.
 
     Raises
     ------
@@ -92,14 +107,15 @@ def cross_validation_folds(ids: Sequence[ShapeId]) -> Folds:
     """
     subjects = list(dict.fromkeys(id.subject for id in ids))
     if len(subjects) < FEWEST_SUBJECTS:
-        division, groups = Division.PHASE_BLOCKS, _phase_blocks(ids, subjects)
-    elif len(subjects) <= MOST_SUBJECT_FOLDS:
+        blocks = PHASE_BLOCKS if most is None else max(most // len(subjects), 1)
+        division, groups = Division.PHASE_BLOCKS, _phase_blocks(ids, subjects, blocks)
+    elif len(subjects) <= (MOST_SUBJECT_FOLDS if most is None else most):
         division, groups = Division.SUBJECTS, [(s, _of_subjects(ids, [s])) for s in subjects]
     else:
-        division = Division.SUBJECT_GROUPS
+        division, count = Division.SUBJECT_GROUPS, GROUPED_FOLDS if most is None else most
         groups = [
-            (f"group {number + 1}", _of_subjects(ids, subjects[number::GROUPED_FOLDS]))
-            for number in range(GROUPED_FOLDS)
+            (f"group {number + 1}", _of_subjects(ids, subjects[number::count]))
+            for number in range(count)
         ]
     folds = []
     for label, test in groups:
@@ -118,13 +134,15 @@ def _of_subjects(ids: Sequence[ShapeId], subjects: Sequence[str]) -> IntArray:
     return np.array([index for index, id in enumerate(ids) if id.subject in chosen], dtype=np.int64)
 
 
-def _phase_blocks(ids: Sequence[ShapeId], subjects: Sequence[str]) -> list[tuple[str, IntArray]]:
+def _phase_blocks(
+    ids: Sequence[ShapeId], subjects: Sequence[str], count: int
+) -> list[tuple[str, IntArray]]:
     blocks = []
     for subject in subjects:
         indices = _of_subjects(ids, [subject])
         times = np.array([ids[index].time for index in indices])
         ordered = indices[np.argsort(times, kind="stable")]
-        for block in np.array_split(ordered, min(PHASE_BLOCKS, len(ordered))):
+        for block in np.array_split(ordered, min(count, len(ordered))):
             first, last = ids[block[0]].phase, ids[block[-1]].phase
             blocks.append((f"{subject}, phases {first} to {last}", np.sort(block)))
     return blocks

@@ -17,6 +17,7 @@ from ostiform.arrays import IntArray
 from ostiform.correspondence import AlignmentMode, align, cut_off_eigenvalue, description_length
 from ostiform.errors import InputError, TopologyError
 from ostiform.evaluation import (
+    MODE_COUNTS,
     Evaluation,
     Fold,
     Generalisation,
@@ -258,8 +259,9 @@ def _generalisation(
             )
         }
 
+    mode_counts = folds.mode_counts(MODE_COUNTS[-1])
     residues = [
-        fold_residues(fold, placed, [originals[index] for index in fold.test])
+        fold_residues(fold, placed, [originals[index] for index in fold.test], mode_counts)
         for fold in folds.folds
     ]
-    return cross_validated(folds, residues)["optimal"]
+    return cross_validated(folds, residues, mode_counts)["optimal"]

@@ -179,8 +179,12 @@ def _left_out(
     if len(shapes) < FEWEST_SHAPES:
         run.tell(Note(f"generalisation: not measured, {len(shapes)} shapes are too few"))
         return {}
-    folds = cross_validation_folds([shape.id for shape in shapes])
-    mode_counts = tuple(range(run.study.settings.evaluation.modes + 1))
+    settings = run.study.settings.evaluation
+    if settings.folds == 0:
+        run.tell(Note("generalisation: not measured, the study asks for no folds"))
+        return {}
+    folds = cross_validation_folds([shape.id for shape in shapes], settings.folds)
+    mode_counts = folds.mode_counts(settings.modes)
     marks = stated_marks(run.study, [shape.id for shape in shapes])
     # A fold is the work of one process, which takes its shapes from disk one after the other.
     stored = replace(stored_shapes(run, shapes, prepared.domain, marks), workers=Workers(1))

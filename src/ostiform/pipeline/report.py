@@ -184,7 +184,10 @@ def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> N
     intervals = _gain_intervals(models)
     volumes = part_volumes(correspondence.points, stored.model.mesh)
     residues = left_out_point_residues(
-        correspondence.aligned, correspondence.weights, correspondence.ids, _most_modes(evaluations)
+        correspondence.aligned,
+        correspondence.weights,
+        correspondence.ids,
+        _most_modes(evaluations, record),
     )
     facts = store.read_json("correspondence.json")
     maps = map_records(store, record.shapes, workers)
@@ -264,10 +267,12 @@ def _drawn(page: Page, store: Store, workers: Executor, tell: Tell) -> dict[str,
     return drawings
 
 
-def _most_modes(evaluations: Mapping[str, Evaluation]) -> int:
-    """The largest number of modes that the left-out shapes were reconstructed with."""
+def _most_modes(evaluations: Mapping[str, Evaluation], record: RunRecord) -> int:
+    """The largest number of modes that left-out shapes are reconstructed with."""
     generalisation = evaluations["optimal"].generalisation
-    return 1 if generalisation is None else max(1, int(generalisation.mode_counts.max()))
+    if generalisation is None:
+        return int(record.settings["evaluation"]["modes"])
+    return max(1, int(generalisation.mode_counts.max()))
 
 
 def _shown(record: RunRecord) -> Ready:

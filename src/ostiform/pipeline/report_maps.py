@@ -86,8 +86,10 @@ def _paper_states(
 ) -> tuple[EmbeddingState, ...]:
     name = embedding.component.name
     key = key_of("paper chain", shape.key, name)
+    sphere = next(sphere for sphere in domain.spheres if sphere.name == name)
+    if not sphere.rims and not sphere.seams:
+        return ()  # a closed surface has no opening that the paper's chain could project it from
     if not store.is_current(PAPER_CHAIN, key):
-        sphere = next(sphere for sphere in domain.spheres if sphere.name == name)
         states = paper_states(embedding.component, sphere, embedding.rotations)
         with store.writing(PAPER_CHAIN, key) as path:
             write_embeddings(path, [replace(embedding, states=states)])

@@ -50,7 +50,7 @@ class StateView:
     sphere : Sphere
     part : str
     paper : tuple of EmbeddingState
-        The states of the paper's chain on the same mesh.
+        The states of the paper's chain on the same mesh; none on a closed surface.
     interior, boundary : (C, 3) float64
         Control points on the sphere, inside and on openings and seams.
     """
@@ -81,13 +81,6 @@ def maps_section(
     used = _panels(view, view.embedding.states[-1:], {}, "conformal, as used")
     paper = [*_panels(view, view.paper, PAPER_NAMES), *used, _control_panel(view, used[0])]
     zoom = _around_openings(used[0])
-    final = view.paper[-1]
-    ratio = max(view.embedding.distortion.circle_ratio.values(), default=1.0)
-    folded = (
-        f"ends with {final.flipped} triangles turned over"
-        if final.flipped
-        else "ends without a fold"
-    )
     enlarged = "" if zoom is None else " The lower row enlarges the dashed square."
     seams = [_seam_picture(shapes, kinks)] if kinks else []
     return Section(
@@ -97,18 +90,15 @@ def maps_section(
             f"Part {view.part} of shape {view.label} in the stereographic plane (compare Fig. 2 of "
             "the paper). Orange triangles are turned over; blue lines are openings and seams."
             f"{enlarged}",
-            "First the paper's own chain on this mesh (fixed circles, untangling by the least "
-            f"area, smoothing, harmonic descent): it {folded}. The widest circle has {ratio:.1f} "
-            "times the radius its opening gets in the conformal map of the surface with filled "
-            "holes; beyond about 2 the harmonic map is folded at its minimum, however good the "
-            "start. Beside it the map that is used and the control points of the correspondence.",
+            f"{_paper_text(view)}Beside it the map that is used and the control points of the "
+            "correspondence.",
         ),
         (
             Picture(
                 "maps-paper",
                 map_figure(paper, zoom),
-                "The states of the paper's chain, the map that is used, and the control points: "
-                "dots inside, white squares on openings and seams.",
+                f"{'The states of the paper chain, t' if view.paper else 'T'}he map that is used, "
+                "and the control points: dots inside, white squares on openings and seams.",
                 "Flattened meshes, one per state; the number of triangles turned over is above "
                 "each. The last one shows the control points.",
                 is_vector=False,
@@ -126,6 +116,24 @@ def maps_section(
             *seams,
         ),
         (_quality_table(shapes), *_seam_tables(shapes, kinks)),
+    )
+
+
+def _paper_text(view: StateView) -> str:
+    if not view.paper:
+        return "A closed surface has no opening from which the paper's own chain could project it. "
+    final = view.paper[-1]
+    ratio = max(view.embedding.distortion.circle_ratio.values(), default=1.0)
+    folded = (
+        f"ends with {final.flipped} triangles turned over"
+        if final.flipped
+        else "ends without a fold"
+    )
+    return (
+        "First the paper's own chain on this mesh (fixed circles, untangling by the least area, "
+        f"smoothing, harmonic descent): it {folded}. The widest circle has {ratio:.1f} times the "
+        "radius its opening gets in the conformal map of the surface with filled holes; beyond "
+        "about 2 the harmonic map is folded at its minimum, however good the start. "
     )
 
 

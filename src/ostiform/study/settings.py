@@ -193,12 +193,15 @@ class AlignmentSettings(_Settings):
 class EvaluationSettings(_Settings):
     """What is measured.
 
-    `truth` is the file of the true correspondence of a generated population, relative to the
-    study file. `collapse` says whether a run whose model has collapsed ends with an error, after
-    everything is written, or with a warning.
+    `folds` is the most models that are built anew, each without some subjects, to measure what is
+    left of these: 0 for none, by default one per subject or, of many, 10. `truth` is the file of
+    the true correspondence of a generated population, relative to the study file. `collapse` says
+    whether a run whose model has collapsed ends with an error, after everything is written, or
+    with a warning.
     """
 
     modes: Annotated[int, Field(ge=1)] = 10
+    folds: Annotated[int, Field(ge=0)] | None = None
     specificity_samples: Annotated[int, Field(ge=1)] = 1000
     truth: str | None = None
     collapse: Literal["stop", "warn"] = "stop"
@@ -377,8 +380,15 @@ def _contradictions(settings: StudySettings) -> list[str]:
         *_cycle_problems(settings),
         *_part_value_problems(settings),
         *_ostium_problems(settings),
+        *_evaluation_problems(settings),
         *_report_problems(settings),
     ]
+
+
+def _evaluation_problems(settings: StudySettings) -> list[str]:
+    if settings.evaluation.folds != 1:
+        return []
+    return ["evaluation.folds: expected 0 for none or at least 2, found 1"]
 
 
 def _report_problems(settings: StudySettings) -> list[str]:
