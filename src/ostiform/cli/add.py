@@ -1,14 +1,16 @@
 """``ostiform add``: further shapes in a finished model."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, StudyPath
 from ostiform.cli.running import run_command
-from ostiform.pipeline import Addition, add_shapes
 
 
 def add(
@@ -34,11 +36,12 @@ def add(
     the principal components are computed afresh.
     """
     return run_command(
-        common, lambda tell: _show(common, add_shapes(results, study, output, shapes, tell))
+        common,
+        lambda tell: _show(common, pipeline.add_shapes(results, study, output, shapes, tell)),
     )
 
 
-def _show(common: Common, addition: Addition) -> int:
+def _show(common: Common, addition: pipeline.Addition) -> int:
     if common.json:
         print(json.dumps(addition.as_json(), indent=1, ensure_ascii=False))
     elif not common.quiet:

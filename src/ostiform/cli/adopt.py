@@ -1,5 +1,7 @@
 """``ostiform adopt``: a model of shapes that correspond already."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,9 +9,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
-from ostiform.pipeline import Adopted, SourceSettings, adopt_shapes
 
 
 @Parameter(name="*")
@@ -65,17 +67,17 @@ def adopt(
     be used like that of a build: exported, fitted, synthesised.
     """
 
-    def work() -> Adopted:
+    def work() -> pipeline.Adopted:
         chosen = tuple(part.strip() for part in files.parts.split(","))
-        settings = SourceSettings(
+        settings = pipeline.SourceSettings(
             files.pattern, files.sheet, files.names, chosen, files.units, files.frame
         )
-        return adopt_shapes(source, output, settings, alignment, per)
+        return pipeline.adopt_shapes(source, output, settings, alignment, per)
 
     return run_command(common, lambda _: _show(common, work()))
 
 
-def _show(common: Common, adopted: Adopted) -> int:
+def _show(common: Common, adopted: pipeline.Adopted) -> int:
     if common.json:
         print(json.dumps(adopted.as_json(), indent=1, ensure_ascii=False))
     elif not common.quiet:

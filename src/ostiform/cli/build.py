@@ -1,10 +1,12 @@
 """``ostiform build`` and one command per stage."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output, Scheduler, StudyPath
 from ostiform.cli.running import run_command, show_summary, worker_count
-from ostiform.pipeline import Stage, build_study
 
 
 def build(
@@ -19,7 +21,7 @@ def build(
     All stages are run: embed, correspond, model, evaluate, report. Whatever is already in the
     output folder and still true is kept, so a run that was interrupted goes on where it was.
     """
-    return _until(Stage.REPORT, study, output, scheduler, common)
+    return _until(pipeline.Stage.REPORT, study, output, scheduler, common)
 
 
 def embed(
@@ -30,7 +32,7 @@ def embed(
     common: Common = DEFAULTS,
 ) -> int:
     """Read the shapes and map each to the base domain, with a certificate against folds."""
-    return _until(Stage.EMBED, study, output, scheduler, common)
+    return _until(pipeline.Stage.EMBED, study, output, scheduler, common)
 
 
 def correspond(
@@ -41,7 +43,7 @@ def correspond(
     common: Common = DEFAULTS,
 ) -> int:
     """Bring the shapes into correspondence (and run the stages before, where needed)."""
-    return _until(Stage.CORRESPOND, study, output, scheduler, common)
+    return _until(pipeline.Stage.CORRESPOND, study, output, scheduler, common)
 
 
 def model(
@@ -52,7 +54,7 @@ def model(
     common: Common = DEFAULTS,
 ) -> int:
     """Fit the shape models and write their meshes (and run the stages before, where needed)."""
-    return _until(Stage.MODEL, study, output, scheduler, common)
+    return _until(pipeline.Stage.MODEL, study, output, scheduler, common)
 
 
 def evaluate(
@@ -63,7 +65,7 @@ def evaluate(
     common: Common = DEFAULTS,
 ) -> int:
     """Measure how good the models are (and run the stages before, where needed)."""
-    return _until(Stage.EVALUATE, study, output, scheduler, common)
+    return _until(pipeline.Stage.EVALUATE, study, output, scheduler, common)
 
 
 def report(
@@ -78,25 +80,25 @@ def report(
     The study and its meshes may be gone by then. Where the study or a mesh has changed, or no
     run has been finished, the stages before are run first.
     """
-    from ostiform.pipeline import report_study  # draws, so slow to import
-
     return run_command(
         common,
         lambda tell: show_summary(
             common,
-            report_study(
+            pipeline.report_study(
                 study, output, workers=worker_count(common), scheduler=scheduler, tell=tell
             ),
         ),
     )
 
 
-def _until(stage: Stage, study: Path, output: Path, scheduler: str | None, common: Common) -> int:
+def _until(
+    stage: pipeline.Stage, study: Path, output: Path, scheduler: str | None, common: Common
+) -> int:
     return run_command(
         common,
         lambda tell: show_summary(
             common,
-            build_study(
+            pipeline.build_study(
                 study,
                 output,
                 until=stage,

@@ -1,15 +1,17 @@
 """``ostiform check``: inspect every shape of a study without building."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import asdict
 
 from rich.console import Console
 from rich.table import Table
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, StudyPath
 from ostiform.cli.running import EXIT_CODES, run_command, worker_count
 from ostiform.errors import InputError
-from ostiform.pipeline import ShapeCheck, check_study
 
 FILE_WIDTH = 160
 """Columns of the table in a pipe or a log."""
@@ -19,11 +21,11 @@ def check(study: StudyPath, *, common: Common = DEFAULTS) -> int:
     """Read every shape and say whether it can be used; the exit code is 0 only if all can."""
     return run_command(
         common,
-        lambda tell: _show(common, check_study(study, worker_count(common), tell)),
+        lambda tell: _show(common, pipeline.check_study(study, worker_count(common), tell)),
     )
 
 
-def _show(common: Common, checks: list[ShapeCheck]) -> int:
+def _show(common: Common, checks: list[pipeline.ShapeCheck]) -> int:
     if common.json:
         print(json.dumps([asdict(check) for check in checks], indent=1, ensure_ascii=False))
     elif not common.quiet:
@@ -31,7 +33,7 @@ def _show(common: Common, checks: list[ShapeCheck]) -> int:
     return 0 if all(check.problem is None for check in checks) else EXIT_CODES[InputError]
 
 
-def _print_table(checks: list[ShapeCheck]) -> None:
+def _print_table(checks: list[pipeline.ShapeCheck]) -> None:
     table = Table(
         "shape", "part", "vertices", "openings", "genus", "components", "worst triangle", "verdict"
     )

@@ -1,13 +1,15 @@
 """``ostiform demo``: a population of left hearts is written, then built like any other study."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command, show_summary, worker_count
-from ostiform.pipeline import build_study, demonstration_study
 
 
 def demo(
@@ -29,8 +31,8 @@ def demo(
         common,
         lambda tell: show_summary(
             common,
-            build_study(
-                demonstration_study(
+            pipeline.build_study(
+                pipeline.demonstration_study(
                     output / "study", subjects, shapes, seed, worker_count(common), tell
                 ),
                 output / "results",

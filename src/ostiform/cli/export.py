@@ -1,14 +1,16 @@
 """``ostiform export``: results in the formats of other programs."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common
 from ostiform.cli.running import run_command
-from ostiform.pipeline import export_results
 
 
 def export(
@@ -38,7 +40,7 @@ def export(
 
 def _export(results: Path, output: Path, format: str, modes: int, common: Common) -> int:
     names = None if format == "all" else tuple(name.strip() for name in format.split(","))
-    written = export_results(results, output, names, modes)  # type: ignore[arg-type]
+    written = pipeline.export_results(results, output, names, modes)  # type: ignore[arg-type]
     if common.json:
         print(json.dumps([str(path) for path in written], indent=1, ensure_ascii=False))
     elif not common.quiet:

@@ -1,5 +1,7 @@
 """``ostiform fit``: a model fitted to data that it has never seen."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,21 +10,11 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
+import ostiform.model
+from ostiform import fitting
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
-from ostiform.fitting import (
-    FileRules,
-    FitSettings,
-    PoseKnowledge,
-    Scaling,
-    TargetKind,
-    fit_prior,
-    fit_shape,
-    read_named_points,
-    read_targets,
-    write_fit,
-)
-from ostiform.model import read_model
+from ostiform.fitting import FitSettings, PoseKnowledge, Scaling, TargetKind
 
 
 @Parameter(name="*", group=Group("What the files are", sort_key=0))
@@ -96,15 +88,15 @@ def _fit(
     common: Common,
 ) -> int:
     chosen = settings()  # in here, so that a wrong value is one sentence
-    rules = FileRules(files.kind, files.units, files.frame)
-    stored = read_model(model)
+    rules = fitting.FileRules(files.kind, files.units, files.frame)
+    stored = ostiform.model.read_model(model)
     named = {}
     if files.openings is not None:
-        labels, positions = read_named_points(files.openings, rules)
+        labels, positions = fitting.read_named_points(files.openings, rules)
         named = dict(zip(labels, positions, strict=True))
-    data = read_targets(targets, stored.model.mesh.parts, rules, named)
-    prior = fit_prior(stored)
-    facts = write_fit(output, prior, fit_shape(prior, data, chosen))
+    data = fitting.read_targets(targets, stored.model.mesh.parts, rules, named)
+    prior = fitting.fit_prior(stored)
+    facts = fitting.write_fit(output, prior, fitting.fit_shape(prior, data, chosen))
     if common.json:
         print(json.dumps({"output": str(output), **facts}, indent=1, ensure_ascii=False))
     elif not common.quiet:

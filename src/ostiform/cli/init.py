@@ -1,16 +1,18 @@
 """``ostiform init``: propose a study file for a folder."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from ostiform import study
 from ostiform.atomic import atomically
 from ostiform.cli.options import DEFAULTS, Common
 from ostiform.cli.running import run_command
 from ostiform.errors import InputError
-from ostiform.study import proposed_study
 
 Folder = Annotated[Path, Parameter(help="Where the meshes or label maps are.")]
 Target = Annotated[
@@ -31,7 +33,7 @@ def _init(folder: Path, output: Path | None, common: Common) -> int:
             f"{target}: expected no file of this name, found one: give another with --output, or "
             "remove it"
         )
-    text = proposed_study(folder, target)
+    text = study.proposed_study(folder, target)
     with atomically(target) as partial:
         partial.write_text(text, encoding="utf-8")
     if common.json:

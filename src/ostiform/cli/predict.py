@@ -1,5 +1,7 @@
 """``ostiform predict``: the whole cycle of an unseen heart from one or a few of its phases."""
 
+from __future__ import annotations
+
 import json
 import sys
 from pathlib import Path
@@ -8,11 +10,10 @@ from typing import Annotated, Literal
 import numpy as np
 from cyclopts import Parameter
 
+from ostiform import fitting, pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
 from ostiform.errors import InputError
-from ostiform.fitting import FileRules
-from ostiform.pipeline import predicted_cycle, write_prediction
 
 
 def predict(
@@ -37,7 +38,7 @@ def predict(
     Writes a surface per time with the standard deviation of its points, clinical.csv and
     prediction.json to OUTPUT.
     """
-    rules = FileRules("auto", units, frame)
+    rules = fitting.FileRules("auto", units, frame)
     return run_command(
         common, lambda _: _predict(model, shapes, (times, frames), rules, output, common)
     )
@@ -47,7 +48,7 @@ def _predict(
     model: Path,
     shapes: tuple[str, ...],
     when: tuple[str, int],
-    rules: FileRules,
+    rules: fitting.FileRules,
     output: Path,
     common: Common,
 ) -> int:
@@ -55,8 +56,8 @@ def _predict(
     if when[1] < 1:
         raise InputError(f"--frames: expected at least 1, found {when[1]}")
     instants = np.arange(when[1]) / when[1]
-    prediction = predicted_cycle(model, shapes, given, instants, rules)
-    facts = write_prediction(output, prediction)
+    prediction = pipeline.predicted_cycle(model, shapes, given, instants, rules)
+    facts = pipeline.write_prediction(output, prediction)
     if facts["warning"]:
         print(f"warning: {facts['warning']}", file=sys.stderr)
     if common.json:

@@ -1,11 +1,14 @@
 """What every command does around its work: watching, summary, errors, exit codes."""
 
+from __future__ import annotations
+
 import json
 import os
 import sys
 import traceback
 from collections.abc import Callable
 
+from ostiform import pipeline
 from ostiform.cli.options import Common
 from ostiform.cli.supervisor import INTERRUPTED, RESUME
 from ostiform.cli.watch import watching
@@ -18,7 +21,6 @@ from ostiform.errors import (
     OstiformError,
     TopologyError,
 )
-from ostiform.pipeline import Summary, Tell
 
 EXIT_CODES: dict[type[OstiformError], int] = {
     InputError: 2,
@@ -31,7 +33,7 @@ EXIT_CODES: dict[type[OstiformError], int] = {
 OTHER_FAILURE = 1
 
 
-def run_command(common: Common, work: Callable[[Tell], int]) -> int:
+def run_command(common: Common, work: Callable[[pipeline.Tell], int]) -> int:
     """Do a command's work and return its exit code; errors become one sentence each."""
     try:
         with watching(common.quiet, common.verbose) as tell:
@@ -77,7 +79,7 @@ def worker_count(common: Common) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def show_summary(common: Common, summary: Summary) -> int:
+def show_summary(common: Common, summary: pipeline.Summary) -> int:
     """Say how a run ended; shapes left out are named again at the end."""
     if common.json:
         print(json.dumps(summary.as_json(), indent=1, ensure_ascii=False))

@@ -1,5 +1,7 @@
 """``ostiform compare`` and ``ostiform regress``: shape against groups and covariates."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +10,9 @@ from urllib.parse import quote
 
 from cyclopts import Parameter
 
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common
 from ostiform.cli.running import run_command
-from ostiform.pipeline import EffectResult, Progress, Question, Tell, shape_question
 from ostiform.statistics import EffectSettings
 
 Results = Annotated[Path, Parameter(help="A folder of results, with model.h5.")]
@@ -91,8 +93,8 @@ def regress(
 def _answer(
     results: Path, column: str, categorical: tuple[str, ...], testing: Testing, common: Common
 ) -> int:
-    def work(tell: Tell) -> int:
-        question = Question(
+    def work(tell: pipeline.Tell) -> int:
+        question = pipeline.Question(
             covariate=column,
             adjusted=tuple(testing.adjust or ()),
             categorical=(*categorical, *(testing.categorical or ())),
@@ -105,15 +107,15 @@ def _answer(
             ),
         )
         folder = testing.output or results / "statistics" / quote(column, safe=" ")
-        tell(Progress("test", 0, 1))
-        answer = shape_question(results, question, folder, testing.sheet)
-        tell(Progress("test", 1, 1))
+        tell(pipeline.Progress("test", 0, 1))
+        answer = pipeline.shape_question(results, question, folder, testing.sheet)
+        tell(pipeline.Progress("test", 1, 1))
         return _show(common, answer)
 
     return run_command(common, work)
 
 
-def _show(common: Common, answer: EffectResult) -> int:
+def _show(common: Common, answer: pipeline.EffectResult) -> int:
     facts = answer.as_json()
     if common.json:
         print(json.dumps(facts, indent=1, ensure_ascii=False))

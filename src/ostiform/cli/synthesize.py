@@ -1,5 +1,7 @@
 """``ostiform synthesize``: new shapes and animations from a model file."""
 
+from __future__ import annotations
+
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,11 +9,11 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+import ostiform.model
+from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
 from ostiform.errors import InputError
-from ostiform.model import StoredModel, read_model
-from ostiform.pipeline import MEAN_CYCLE, Synthesis, Tell, synthesized
 
 FIRST_MODES = 3
 
@@ -67,17 +69,19 @@ def synthesize(
     numbered PNG frames.
     """
 
-    def work(tell: Tell) -> int:
-        stored = read_model(model)
-        return _show(common, output, synthesized(stored, output, _synthesis(stored, wanted), tell))
+    def work(tell: pipeline.Tell) -> int:
+        stored = ostiform.model.read_model(model)
+        return _show(
+            common, output, pipeline.synthesized(stored, output, _synthesis(stored, wanted), tell)
+        )
 
     return run_command(common, work)
 
 
-def _synthesis(stored: StoredModel, wanted: Wanted) -> Synthesis:
+def _synthesis(stored: ostiform.model.StoredModel, wanted: Wanted) -> pipeline.Synthesis:
     is_chosen = any((wanted.mode, wanted.scores, wanted.samples, wanted.cycle, wanted.heart))
     first = tuple(range(min(FIRST_MODES, len(stored.model.modes))))
-    return Synthesis(
+    return pipeline.Synthesis(
         modes=tuple(number - 1 for number in wanted.mode or ()) if is_chosen else first,
         deviations=_numbers("--sd", wanted.sd),
         scores=None if wanted.scores is None else _numbers("--scores", wanted.scores),
@@ -91,9 +95,9 @@ def _synthesis(stored: StoredModel, wanted: Wanted) -> Synthesis:
     )
 
 
-def _own_cycle(stored: StoredModel) -> tuple[str, ...]:
+def _own_cycle(stored: ostiform.model.StoredModel) -> tuple[str, ...]:
     several = len({id.subject for id in stored.ids}) < len(stored.ids)
-    return (MEAN_CYCLE,) if several and not stored.model.residual_variance else ()
+    return (pipeline.MEAN_CYCLE,) if several and not stored.model.residual_variance else ()
 
 
 def _numbers(option: str, text: str) -> tuple[float, ...]:

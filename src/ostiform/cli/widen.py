@@ -1,15 +1,17 @@
 """``ostiform widen``: a model widened by a smooth Gaussian process."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+import ostiform.model
 from ostiform.cli.options import DEFAULTS, Common
 from ostiform.cli.running import run_command
 from ostiform.errors import InputError
-from ostiform.model import Kernel, read_model, widened_stored, write_model
 
 
 def widen(
@@ -41,7 +43,9 @@ def widen(
     )
 
 
-def _kernels(sd: str, length: str, shape: Literal["gaussian", "compact"]) -> list[Kernel]:
+def _kernels(
+    sd: str, length: str, shape: Literal["gaussian", "compact"]
+) -> list[ostiform.model.Kernel]:
     values = {}
     for name, written in (("--sd", sd), ("--length", length)):
         try:
@@ -54,17 +58,17 @@ def _kernels(sd: str, length: str, shape: Literal["gaussian", "compact"]) -> lis
             f"{len(values['--length'])}"
         )
     return [
-        Kernel(deviation, reach, shape)
+        ostiform.model.Kernel(deviation, reach, shape)
         for deviation, reach in zip(values["--sd"], values["--length"], strict=True)
     ]
 
 
 def _widen(
-    model: Path, output: Path, kernels: list[Kernel], left_out: float, common: Common
+    model: Path, output: Path, kernels: list[ostiform.model.Kernel], left_out: float, common: Common
 ) -> int:
-    stored = read_model(model)
-    new, result = widened_stored(stored, kernels, left_out)
-    write_model(output, new)
+    stored = ostiform.model.read_model(model)
+    new, result = ostiform.model.widened_stored(stored, kernels, left_out)
+    ostiform.model.write_model(output, new)
     facts = {
         "output": str(output),
         "modes": len(result.model.modes),

@@ -1,5 +1,4 @@
 from .files import FileRules as FileRules
-from .files import TargetKind as TargetKind
 from .files import read_named_points as read_named_points
 from .files import read_targets as read_targets
 from .fit import fit_shape as fit_shape
@@ -10,15 +9,16 @@ from .leftover import leftover_of_spectrum as leftover_of_spectrum
 from .posterior import shape_deviations as shape_deviations
 from .prior import FitPrior as FitPrior
 from .prior import fit_prior as fit_prior
+from .settings import FitSettings as FitSettings
+from .settings import PoseKnowledge as PoseKnowledge
+from .settings import Scaling as Scaling
+from .settings import TargetKind as TargetKind
 from .types import CloudTarget as CloudTarget
 from .types import ContourTarget as ContourTarget
-from .types import FitSettings as FitSettings
 from .types import FitStatus as FitStatus
 from .types import LandmarkTarget as LandmarkTarget
 from .types import Pose as Pose
-from .types import PoseKnowledge as PoseKnowledge
 from .types import Residue as Residue
-from .types import Scaling as Scaling
 from .types import ShapeFit as ShapeFit
 from .types import SurfaceTarget as SurfaceTarget
 from .types import Target as Target

@@ -4,13 +4,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import get_args
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.fitting.contours import joined_curves
+from ostiform.fitting.settings import TargetKind
 from ostiform.fitting.types import (
     CloudTarget,
     ContourTarget,
@@ -28,8 +29,6 @@ from ostiform.surface import (
     read_mesh,
     read_polylines,
 )
-
-TargetKind: TypeAlias = Literal["auto", "surface", "points", "contours", "landmarks"]
 
 TEXT_SUFFIXES = (".txt", ".csv", ".xyz", ".pts", ".asc", ".particles")
 CURVE_SUFFIXES = (".vtp", ".vtk")

@@ -16,15 +16,10 @@ from ostiform.fitting.posterior import posterior_of
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.residues import measured_residues
 from ostiform.fitting.rim_kinds import with_openings_matched
+from ostiform.fitting.settings import FitSettings
 from ostiform.fitting.solver import Rules, Solution, solve
 from ostiform.fitting.starts import starting_poses
-from ostiform.fitting.types import (
-    FitSettings,
-    FitStatus,
-    ShapeFit,
-    Target,
-    all_positions,
-)
+from ostiform.fitting.types import FitStatus, ShapeFit, Target, all_positions
 from ostiform.fitting.typical import typicality
 
 COARSE = Rules(use_field=False, gated=False, stride=8, most_iterations=5)

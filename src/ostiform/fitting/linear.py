@@ -9,7 +9,8 @@ from ostiform.arrays import FloatArray
 from ostiform.fitting.kernels import design_rows
 from ostiform.fitting.observations import Observations
 from ostiform.fitting.prior import FitPrior
-from ostiform.fitting.types import FitSettings, Pose, placed
+from ostiform.fitting.settings import FitSettings
+from ostiform.fitting.types import Pose, placed
 
 NEAR_SD = np.radians(30.0)
 """Standard deviation of the rotation where the pose is nearly known."""

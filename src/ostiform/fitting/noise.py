@@ -9,7 +9,7 @@ from ostiform.fitting.data import CONTOURS, KINDS, POINTS
 from ostiform.fitting.linear import LinearSystem
 from ostiform.fitting.observations import Observations
 from ostiform.fitting.prior import FitPrior
-from ostiform.fitting.types import FitSettings
+from ostiform.fitting.settings import FitSettings
 
 STUDENT_DOF = 3.0
 """Of the data's distribution: heavy enough for a fifth of outliers."""

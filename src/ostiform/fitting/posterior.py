@@ -18,8 +18,9 @@ from ostiform.fitting.linear import (
 from ostiform.fitting.noise import STUDENT_DOF, inlier_probabilities, student_weights
 from ostiform.fitting.observations import model_surface, observations
 from ostiform.fitting.prior import FitPrior
+from ostiform.fitting.settings import FitSettings
 from ostiform.fitting.solver import Solution
-from ostiform.fitting.types import FitSettings, ShapeFit
+from ostiform.fitting.types import ShapeFit
 from ostiform.fitting.typical import FieldEnergy, field_energy, field_scale
 
 KEPT_VARIANCE = 0.99

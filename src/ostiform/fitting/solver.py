@@ -37,7 +37,7 @@ from ostiform.fitting.noise import (
 )
 from ostiform.fitting.observations import model_surface, observations
 from ostiform.fitting.prior import FitPrior
-from ostiform.fitting.types import FitSettings
+from ostiform.fitting.settings import FitSettings
 
 SETTLED = 0.01
 """Largest move of a point, in edges of the model, at which the shape has settled."""

@@ -17,7 +17,8 @@ from ostiform.errors import InputError
 from ostiform.fitting.data import Data
 from ostiform.fitting.leftover import spread_points
 from ostiform.fitting.prior import FitPrior
-from ostiform.fitting.types import IDENTITY, FitSettings, Pose
+from ostiform.fitting.settings import FitSettings
+from ostiform.fitting.types import IDENTITY, Pose
 
 SAMPLES = 200
 """Points of the data that the search for the pose looks at."""

@@ -10,34 +10,11 @@ from ostiform.errors import InputError
 from ostiform.model import ShapeModel, reconstruct
 from ostiform.statistics.covariates import Covariate
 from ostiform.statistics.design import Design, design_of, permutations
-from ostiform.statistics.points import Movement, PointTest, point_test
+from ostiform.statistics.points import PointTest, point_test
 from ostiform.statistics.scores import ScoreTest, score_test
+from ostiform.statistics.settings import EffectSettings
 from ostiform.statistics.units import SubjectShapes
 from ostiform.surface import face_normals
-
-
-@dataclass(frozen=True, slots=True)
-class EffectSettings:
-    """How an effect is tested.
-
-    Attributes
-    ----------
-    permutations : int
-    seed : int
-    movement : str
-        ``"any"`` tests the three coordinates of every point, ``"normal"`` its movement along the
-        normal of the mean shape.
-    modes : int or None
-        Modes of the test of the whole shape; None chooses (see `score_test`).
-    shrinkage : float or None
-        Of the covariance; None chooses.
-    """
-
-    permutations: int = 9999
-    seed: int = 0
-    movement: Movement = "any"
-    modes: int | None = None
-    shrinkage: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,6 @@ Westfall and Young (any false discovery at all), from the same permutations.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -17,8 +16,6 @@ from ostiform.errors import InputError
 from ostiform.statistics.design import Design
 from ostiform.statistics.false_discovery import adjusted_p_values
 from ostiform.statistics.scores import EQUAL
-
-Movement = Literal["any", "normal"]
 
 CHUNK_ENTRIES = 4_000_000
 """Numbers held at a time."""
