@@ -317,7 +317,8 @@ def _axis_places(cls: type, letter: str) -> Iterator[tuple[str, int | None]]:
 
 def _index_check(axis: str) -> Check:
     def check(kept: Any, known: Sizes, name: str) -> None:
-        if kept.size and (kept.min() < 0 or kept.max() >= known[axis]):
+        # Read as unsigned, negative numbers are the largest.
+        if kept.size and kept.view(np.uint64).max() >= known[axis]:
             raise InputError(
                 f"{name}: expected indices from 0 to {known[axis] - 1}, "
                 f"found {int(kept.min())} to {int(kept.max())}"

@@ -1,11 +1,11 @@
 """Where the circles of a component start: population means, explicit circles, area shares."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.arrays import FloatArray
 from ostiform.domain.checks import cap_of_seam
 from ostiform.domain.circle_settings import CircleSetting
 from ostiform.domain.outline import MOST_WIDE_RADIUS, ComponentOutline, pole_circle
@@ -13,6 +13,7 @@ from ostiform.domain.regions import PartRegion, far_part
 from ostiform.domain.types import NORTH, Circle, ConformalHoles
 from ostiform.errors import InputError
 from ostiform.surface import Seam, rotation_between
+from ostiform.values import Axes, value
 
 # Narrow openings (veins): the embedding energy is flat between 2 and 6 degrees and least at 2 to
 # 4 for tubes of 4 to 8 radii (design 2).
@@ -23,7 +24,7 @@ LEAST_SEAM_RADIUS = float(np.radians(10.0))
 MOST_SEAM_RADIUS = float(np.radians(50.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class CapDraft:
     """The caps of one component sphere while they are laid out, by curve name.
 
@@ -40,16 +41,11 @@ class CapDraft:
     is_seam : mapping of str to bool
     """
 
-    centers: Mapping[str, FloatArray]
+    centers: Mapping[str, Annotated[FloatArray, Axes(3)]]
     radii: Mapping[str, float]
     movable: Mapping[str, bool]
     shrinkable: Mapping[str, bool]
     is_seam: Mapping[str, bool]
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for name in ("centers", "radii", "movable", "shrinkable", "is_seam"):
-            object.__setattr__(self, name, frozen_mapping(getattr(self, name)))
 
 
 def started_caps(

@@ -1,15 +1,15 @@
 """What the layout of the base domain needs to know of a component: names and sizes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.domain.regions import equator_seam
 from ostiform.domain.types import Circle
 from ostiform.errors import InputError
 from ostiform.surface import Component, Seam
+from ostiform.values import value
 
 # Limits of the automatic radius of a wide opening (design 2): distortion is flat below 6 degrees
 # and grows quickly above 15.
@@ -17,7 +17,7 @@ LEAST_WIDE_RADIUS = float(np.radians(4.0))
 MOST_WIDE_RADIUS = float(np.radians(15.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ComponentOutline:
     """Names and sizes of one component of one shape.
 
@@ -38,11 +38,6 @@ class ComponentOutline:
     areas: Mapping[str, float]
     rims: Mapping[str, float]
     seams: Mapping[Seam, float]
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        for field in ("areas", "rims", "seams"):
-            object.__setattr__(self, field, frozen_mapping(getattr(self, field)))
 
 
 def outlined(component: Component) -> ComponentOutline:

@@ -9,11 +9,12 @@ fit.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ostiform.arrays import BoolArray, FloatArray, frozen_floats
+from ostiform.arrays import BoolArray, FloatArray
 from ostiform.domain.procrustes import (
     best_rotations,
     homogeneous,
@@ -30,6 +31,7 @@ from ostiform.domain.surface_fit import (
 from ostiform.errors import InputError
 from ostiform.study import Shape, ShapeId
 from ostiform.surface import Surface
+from ostiform.values import Axes, value
 
 # Second singular value of the landmarks over the shape's radius of gyration below which they lie
 # on one line as far as a rotation about it is concerned: 3 degrees of error per 0.25 % of noise.
@@ -61,7 +63,7 @@ class PoseMethod(Enum):
     SURFACE = "the fit of the surfaces"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PopulationPoses:
     """Rigid transforms of the shapes of a population to one frame.
 
@@ -81,22 +83,11 @@ class PopulationPoses:
     method : PoseMethod
     """
 
-    transforms: FloatArray
-    mirrored: BoolArray
-    residuals: FloatArray
+    transforms: Annotated[FloatArray, Axes("N", 4, 4)]
+    mirrored: Annotated[BoolArray, Axes(None)]
+    residuals: Annotated[FloatArray, Axes("N")]
     reference: int
     method: PoseMethod
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.transforms)
-        object.__setattr__(
-            self, "transforms", frozen_floats(self.transforms, (count, 4, 4), "transforms")
-        )
-        object.__setattr__(self, "residuals", frozen_floats(self.residuals, (count,), "residuals"))
-        mirrored = np.array(self.mirrored, dtype=np.bool_)
-        mirrored.flags.writeable = False
-        object.__setattr__(self, "mirrored", mirrored)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

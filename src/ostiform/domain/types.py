@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
@@ -9,15 +10,14 @@ from ostiform.arrays import (
     FloatArray,
     IntArray,
     frozen_floats,
-    frozen_ints,
-    frozen_mapping,
 )
 from ostiform.surface import Seam
+from ostiform.values import Axes, value
 
 NORTH = frozen_floats([0.0, 0.0, 1.0], (3,), "north")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Circle:
     """A circle on the unit sphere: the image of an ostium's rim or of a seam.
 
@@ -35,17 +35,16 @@ class Circle:
         Angle in radians at which arc-length zero of the loop starts.
     """
 
-    center: FloatArray
+    center: Annotated[FloatArray, Axes(3)]
     radius: float
     phase: float = 0.0
 
     def __post_init__(self) -> None:
         """Normalise the centre; a unit vector is kept bit for bit, so that files round-trip."""
-        center = frozen_floats(self.center, (3,), "circle centre")
-        length = float(np.linalg.norm(center))
+        length = float(np.linalg.norm(self.center))
         if abs(length - 1.0) > 4.0 * np.finfo(np.float64).eps:
-            center = frozen_floats(center / length, (3,), "circle centre")
-        object.__setattr__(self, "center", center)
+            center = frozen_floats(self.center / length, (3,), "circle centre")
+            object.__setattr__(self, "center", center)
 
     def points(self, angles: FloatArray) -> FloatArray:
         """Return the points of the circle at angles (n,) in radians, as unit vectors (n, 3)."""
@@ -73,7 +72,7 @@ def tangent_frame(center: FloatArray) -> tuple[FloatArray, FloatArray]:
     return e1, np.cross(center, e1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Sphere:
     """The component sphere of one component: where its rims and seams lie.
 
@@ -102,13 +101,7 @@ class Sphere:
     seams: Mapping[Seam, Circle]
     pole: str | None
     handles: tuple[Seam, ...] = ()
-    up: FloatArray = field(default_factory=lambda: NORTH)
-
-    def __post_init__(self) -> None:
-        """Make mappings and direction read-only."""
-        object.__setattr__(self, "rims", frozen_mapping(self.rims))
-        object.__setattr__(self, "seams", frozen_mapping(self.seams))
-        object.__setattr__(self, "up", frozen_floats(self.up, (3,), "up"))
+    up: Annotated[FloatArray, Axes(3)] = field(default_factory=lambda: NORTH)
 
     @property
     def curves(self) -> Mapping[str, Circle]:
@@ -123,7 +116,7 @@ class BaseDomain:
     spheres: tuple[Sphere, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Template:
     """A triangulation of the base domain, the same for every shape (HY end of 2.2).
 
@@ -153,37 +146,19 @@ class Template:
         multi-resolution property).
     """
 
-    points: FloatArray
-    sphere: IntArray
-    part: IntArray
-    faces: IntArray
-    face_part: IntArray
+    points: Annotated[FloatArray, Axes("P", 3)]
+    sphere: Annotated[IntArray, Axes("P")]
+    part: Annotated[IntArray, Axes("P")]
+    faces: Annotated[IntArray, Axes("F", 3)]
+    face_part: Annotated[IntArray, Axes("F")]
     parts: tuple[str, ...]
-    curve: IntArray
+    curve: Annotated[IntArray, Axes("P")]
     curves: tuple[str, ...]
-    loops: Mapping[str, IntArray]
+    loops: Mapping[str, Annotated[IntArray, Axes(None)]]
     levels: tuple["TemplateLevel", ...] = ()
 
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.points)
-        object.__setattr__(self, "points", frozen_floats(self.points, (None, 3), "points"))
-        for name in ("sphere", "part", "curve"):
-            object.__setattr__(self, name, frozen_ints(getattr(self, name), (count,), name))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(
-            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
-        )
-        object.__setattr__(
-            self,
-            "loops",
-            frozen_mapping(
-                {n: frozen_ints(loop, (None,), f"loop {n}") for n, loop in self.loops.items()}
-            ),
-        )
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class TemplateLevel:
     """A coarser triangulation of some of a template's points.
 
@@ -196,20 +171,12 @@ class TemplateLevel:
     face_part : (F,) int64
     """
 
-    index: IntArray
-    faces: IntArray
-    face_part: IntArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "index", frozen_ints(self.index, (None,), "index"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(
-            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
-        )
+    index: Annotated[IntArray, Axes("P")]
+    faces: Annotated[IntArray, Axes("F", 3)]
+    face_part: Annotated[IntArray, Axes("F")]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ConformalHoles:
     """Where the openings of one shape's component lie when its holes are filled conformally.
 
@@ -227,16 +194,6 @@ class ConformalHoles:
         +z lies.
     """
 
-    directions: Mapping[str, FloatArray]
+    directions: Mapping[str, Annotated[FloatArray, Axes(3)]]
     radii: Mapping[str, float]
-    up: FloatArray = field(default_factory=lambda: NORTH)
-
-    def __post_init__(self) -> None:
-        """Make mappings and direction read-only."""
-        object.__setattr__(self, "up", frozen_floats(self.up, (3,), "up"))
-        object.__setattr__(
-            self,
-            "directions",
-            frozen_mapping({n: frozen_floats(d, (3,), n) for n, d in self.directions.items()}),
-        )
-        object.__setattr__(self, "radii", frozen_mapping(self.radii))
+    up: Annotated[FloatArray, Axes(3)] = field(default_factory=lambda: NORTH)

@@ -9,12 +9,12 @@ holes first.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import Circle, Sphere, tangent_frame
 from ostiform.errors import InputError
 from ostiform.surface import (
@@ -26,9 +26,10 @@ from ostiform.surface import (
     uniform_laplacian,
     without_unreferenced,
 )
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PlanarChart:
     """One part of a component in the stereographic plane of the opening that encloses it.
 
@@ -46,19 +47,11 @@ class PlanarChart:
         Rotation that carries the direction of the stereographic pole to +z.
     """
 
-    vertices: IntArray
-    faces: IntArray
-    is_fixed: BoolArray
-    points: FloatArray
-    frame: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.vertices)
-        object.__setattr__(self, "vertices", frozen_ints(self.vertices, (None,), "vertices"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(self, "points", frozen_floats(self.points, (count, 2), "points"))
-        object.__setattr__(self, "frame", frozen_floats(self.frame, (3, 3), "frame"))
+    vertices: Annotated[IntArray, Axes("V")]
+    faces: Annotated[IntArray, Axes("F", 3)]
+    is_fixed: Annotated[BoolArray, Axes("V")]
+    points: Annotated[FloatArray, Axes("V", 2)]
+    frame: Annotated[FloatArray, Axes(3, 3)]
 
 
 def fixed_circle_charts(

@@ -19,19 +19,20 @@ is part of the result.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import Circle, ConformalHoles, Sphere
 from ostiform.embedding.fixed_circle_tutte import fixed_circle_charts, on_sphere
 from ostiform.errors import InputError
 from ostiform.surface import Component, cotangent_stiffness, count_flipped, vertex_areas
+from ostiform.values import Axes, value
 
 Descent = Literal["explicit", "semi-implicit"]
 
@@ -53,7 +54,7 @@ class HarmonicStatus(Enum):
     STALLED = "no step lowers the energy"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class HarmonicResult:
     """Where the descent arrived.
 
@@ -68,17 +69,10 @@ class HarmonicResult:
     status : HarmonicStatus
     """
 
-    directions: FloatArray
-    energies: FloatArray
+    directions: Annotated[FloatArray, Axes("V", 3)]
+    energies: Annotated[FloatArray, Axes(None)]
     folded: int
     status: HarmonicStatus
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self, "directions", frozen_floats(self.directions, (None, 3), "directions")
-        )
-        object.__setattr__(self, "energies", frozen_floats(self.energies, (None,), "energies"))
 
     @property
     def iterations(self) -> int:

@@ -18,16 +18,16 @@ short veins, and is known to fail on long veins at 17,000 vertices (thousands of
 8,000 sweeps): the result says so and the caller falls back to another start.
 """
 
-from dataclasses import dataclass
 from enum import Enum
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numba import njit
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.embedding.rings import vertex_rings
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 LocalSolver = Literal["conjugate-gradient", "linear-program"]
 
@@ -51,7 +51,7 @@ class MaxMinStatus(Enum):
     EXHAUSTED = "the number of sweeps allowed is used up"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class MaxMinResult:
     """Where the untangling arrived.
 
@@ -65,14 +65,10 @@ class MaxMinResult:
     status : MaxMinStatus
     """
 
-    points: FloatArray
+    points: Annotated[FloatArray, Axes("V", 2)]
     folded: int
     sweeps: int
     status: MaxMinStatus
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(self, "points", frozen_floats(self.points, (None, 2), "points"))
 
 
 def untangled_by_area(

@@ -14,10 +14,11 @@ Every state keeps the number of its folded triangles; nothing here judges them.
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import BoolArray, FloatArray, frozen_floats, frozen_mapping
+from ostiform.arrays import BoolArray, FloatArray
 from ostiform.domain import Sphere
 from ostiform.embedding.fixed_circle_tutte import PlanarChart, fixed_circle_charts, on_sphere
 from ostiform.embedding.harmonic import Descent, HarmonicResult, harmonic_map
@@ -25,6 +26,7 @@ from ostiform.embedding.maxmin import LocalSolver, MaxMinResult, MaxMinStatus, u
 from ostiform.embedding.smoothing import smoothed_where_better
 from ostiform.embedding.types import EmbeddingState
 from ostiform.surface import Component, count_flipped
+from ostiform.values import Axes, value
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,7 @@ class PaperSettings:
     tolerance: float = 1e-9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PaperEmbedding:
     """The result of the paper's chain.
 
@@ -71,18 +73,11 @@ class PaperEmbedding:
         One sentence for every step that did not do what HY expect of it.
     """
 
-    directions: FloatArray
+    directions: Annotated[FloatArray, Axes("V", 3)]
     states: tuple[EmbeddingState, ...]
     rotations: Mapping[str, float]
     harmonic: HarmonicResult
     notes: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self, "directions", frozen_floats(self.directions, (None, 3), "directions")
-        )
-        object.__setattr__(self, "rotations", frozen_mapping(self.rotations))
 
 
 def harmonic_embedding(

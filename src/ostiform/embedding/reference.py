@@ -1,11 +1,12 @@
 """The flat triangles that a map starts from: those of the surface, or equilateral ones."""
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface import local_frames
+from ostiform.values import Axes, value
 
 # Triangles longer than this (longest edge x perimeter / (4 sqrt(3) area), 1 when equilateral) get
 # an equilateral reference: the shape of a sliver is noise of the mesh, and would cap every step.
@@ -15,7 +16,7 @@ SLIVER_ASPECT = 10.0
 LEAST_EDGE = 1e-2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ReferenceTriangles:
     """The flat triangles that a map starts from.
 
@@ -27,16 +28,8 @@ class ReferenceTriangles:
         In steradians: their sum is the area of the domain to be covered.
     """
 
-    gradients: FloatArray
-    areas: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.areas)
-        object.__setattr__(
-            self, "gradients", frozen_floats(self.gradients, (count, 3, 2), "gradients")
-        )
-        object.__setattr__(self, "areas", frozen_floats(self.areas, (count,), "areas"))
+    gradients: Annotated[FloatArray, Axes("F", 3, 2)]
+    areas: Annotated[FloatArray, Axes("F")]
 
 
 def surface_reference(

@@ -9,19 +9,20 @@ for an equilateral triangle, 0 for a degenerate one and negative for an inverted
 with I = +1 where the triangle's normal agrees with the sphere's at its centre, else -1.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numba import njit
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.embedding.rings import vertex_rings
+from ostiform.values import Axes, value
 
 # Smoothing ends with the sweep that moves fewer than this share of the free vertices.
 LEAST_SHARE_MOVED = 0.01
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SmoothingResult:
     """A smoothed map.
 
@@ -34,15 +35,9 @@ class SmoothingResult:
         Accepted moves, all sweeps together.
     """
 
-    directions: FloatArray
+    directions: Annotated[FloatArray, Axes("V", 3)]
     sweeps: int
     moves: int
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(
-            self, "directions", frozen_floats(self.directions, (None, 3), "directions")
-        )
 
 
 def triangle_qualities(directions: FloatArray, faces: IntArray) -> FloatArray:

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
-from ostiform.arrays import FloatArray, frozen_floats, frozen_mapping
+from ostiform.arrays import FloatArray
 from ostiform.surface import Component, Seam
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Certificate:
     """The evidence that a map to the sphere is an embedding (design 3, step 4).
 
@@ -37,10 +39,6 @@ class Certificate:
     hole_order: tuple[str, ...]
     twist: Mapping[str, float]
     problems: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "twist", frozen_mapping(self.twist))
 
     @property
     def is_valid(self) -> bool:
@@ -73,7 +71,7 @@ class SeamJump:
     shear: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Distortion:
     """Angle and area distortion of a map, weighted by area on the surface.
 
@@ -97,13 +95,8 @@ class Distortion:
     circle_ratio: Mapping[str, float]
     seam_jump: Mapping[Seam, SeamJump]
 
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        object.__setattr__(self, "circle_ratio", frozen_mapping(self.circle_ratio))
-        object.__setattr__(self, "seam_jump", frozen_mapping(self.seam_jump))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class EmbeddingState:
     """One step on the way to an embedding, kept for the report (HY Fig. 2).
 
@@ -119,18 +112,12 @@ class EmbeddingState:
     """
 
     name: str
-    directions: FloatArray
+    directions: Annotated[FloatArray, Axes("V", 3)]
     flipped: int
     seconds: float
 
-    def __post_init__(self) -> None:
-        """Make the array read-only."""
-        object.__setattr__(
-            self, "directions", frozen_floats(self.directions, (None, 3), "directions")
-        )
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Embedding:
     """The map of one component of one shape to its component sphere.
 
@@ -151,20 +138,11 @@ class Embedding:
     seconds : float
     """
 
-    component: Component
-    directions: FloatArray
+    component: Annotated[Component, Axes("V")]
+    directions: Annotated[FloatArray, Axes("V", 3)]
     rotations: Mapping[str, float]
     certificate: Certificate
     distortion: Distortion
     states: tuple[EmbeddingState, ...]
     method: str
     seconds: float
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self,
-            "directions",
-            frozen_floats(self.directions, (len(self.component.vertices), 3), "directions"),
-        )
-        object.__setattr__(self, "rotations", frozen_mapping(self.rotations))

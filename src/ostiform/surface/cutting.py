@@ -4,20 +4,21 @@ The curve becomes a chain of edges. Vertices that lie almost on it are moved ont
 so that no slivers remain; nothing else is moved.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.surface.operators import face_areas
 from ostiform.surface.topology import graph_labels, half_edges, unique_edges
+from ostiform.values import Axes, value
 
 _SNAP_SHARE = 0.25
 """A vertex this near to the curve, as a share of the edge that crosses it, is moved onto it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class CutSurface:
     """A surface with a curve among its edges.
 
@@ -34,22 +35,11 @@ class CutSurface:
         Zero on the curve that was cut, and only there.
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    source: IntArray
-    side: IntArray
-    height: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.faces)
-        object.__setattr__(self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(self, "source", frozen_ints(self.source, (count,), "source"))
-        object.__setattr__(self, "side", frozen_ints(self.side, (count,), "side"))
-        object.__setattr__(
-            self, "height", frozen_floats(self.height, (len(self.vertices),), "height")
-        )
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3)]
+    source: Annotated[IntArray, Axes("F")]
+    side: Annotated[IntArray, Axes("F")]
+    height: Annotated[FloatArray, Axes("V")]
 
 
 def cut_along_zero(

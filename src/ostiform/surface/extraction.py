@@ -9,7 +9,7 @@ extrapolated by one slice where the label ends. Voxel steps within slices are sm
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import ndimage
@@ -17,8 +17,9 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 _COARSE = 1.5
 """Slices further apart than this many voxels are interpolated one by one."""
@@ -37,7 +38,7 @@ _MARGIN = 3
 """Empty voxels added on every side."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class LevelField:
     """A field that is positive inside a label, on a grid of nearly equal steps.
 
@@ -48,15 +49,8 @@ class LevelField:
         From grid indices to mm (column vectors).
     """
 
-    values: FloatArray
-    affine: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self, "values", frozen_floats(self.values, (None, None, None), "level field")
-        )
-        object.__setattr__(self, "affine", frozen_floats(self.affine, (4, 4), "affine"))
+    values: Annotated[FloatArray, Axes(None, None, None)]
+    affine: Annotated[FloatArray, Axes(4, 4)]
 
 
 def level_field(mask: BoolArray, affine: FloatArray) -> LevelField:

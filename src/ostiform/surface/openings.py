@@ -1,17 +1,17 @@
 """Opening closed surfaces: caps marked by a cell array are deleted, and name what they leave."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ostiform.arrays import IntArray, frozen_ints, frozen_mapping
+from ostiform.arrays import IntArray
 from ostiform.errors import InputError, TopologyError
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Opened:
     """A surface whose caps were deleted.
 
@@ -23,17 +23,8 @@ class Opened:
         The vertices of the rim that each cap leaves, ascending (not in order along the rim).
     """
 
-    faces: IntArray
-    rims: Mapping[str, IntArray]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(
-            self,
-            "rims",
-            frozen_mapping({n: frozen_ints(rim, (None,), n) for n, rim in self.rims.items()}),
-        )
+    faces: Annotated[IntArray, Axes("F", 3)]
+    rims: Mapping[str, Annotated[IntArray, Axes(None)]]
 
 
 def opened_by_value(faces: IntArray, values: NDArray[Any], caps: Mapping[str, float]) -> Opened:
@@ -60,11 +51,11 @@ def opened_by_value(faces: IntArray, values: NDArray[Any], caps: Mapping[str, fl
             f"for {len(faces)} triangles"
         )
     present = np.unique(values)
-    for name, value in caps.items():
-        if value not in present:
+    for name, wanted in caps.items():
+        if wanted not in present:
             shown = ", ".join(f"{v:g}" for v in present[:12])
             raise InputError(
-                f"expected triangles of value {value:g} for the opening {name}, found the values "
+                f"expected triangles of wanted {wanted:g} for the opening {name}, found the values "
                 f"{shown}{' and others' if len(present) > 12 else ''}"
             )
     is_wall = ~np.isin(values, list(caps.values()))

@@ -6,13 +6,14 @@ and gradients are those of a triangle of the same longest edge and `SLIVER_HEIGH
 so that every value stays finite.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import sparse
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface.topology import unique_edges
+from ostiform.values import Axes, value
 
 # Least height of a triangle over its longest edge: far below any real sliver, far above round-off.
 SLIVER_HEIGHT = 1e-10
@@ -98,7 +99,7 @@ def uniform_laplacian(faces: IntArray, n_vertices: int) -> sparse.csr_array:
     return (sparse.diags_array(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency).tocsr()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class LocalFrames:
     """An orthonormal frame in the plane of every triangle, and the hat gradients in it.
 
@@ -111,18 +112,9 @@ class LocalFrames:
     areas : (F,) float64
     """
 
-    axes: FloatArray
-    gradients: FloatArray
-    areas: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.areas)
-        object.__setattr__(self, "axes", frozen_floats(self.axes, (count, 2, 3), "axes"))
-        object.__setattr__(
-            self, "gradients", frozen_floats(self.gradients, (count, 3, 2), "gradients")
-        )
-        object.__setattr__(self, "areas", frozen_floats(self.areas, (count,), "areas"))
+    axes: Annotated[FloatArray, Axes("F", 2, 3)]
+    gradients: Annotated[FloatArray, Axes("F", 3, 2)]
+    areas: Annotated[FloatArray, Axes("F")]
 
     def derivatives(self, values: FloatArray, faces: IntArray) -> FloatArray:
         """Return the derivative (F, d, 2) in (u, v) of a field (V, d) linear on each triangle."""

@@ -5,12 +5,12 @@ one sentence with a count. What cannot be mended safely is left as it is, for th
 `topology` to refuse.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.surface.fans import MOST_FANS, with_single_fans
 from ostiform.surface.operators import median_edge_length
 from ostiform.surface.topology import (
@@ -23,6 +23,7 @@ from ostiform.surface.topology import (
     non_manifold_vertices,
     unique_edges,
 )
+from ostiform.values import Axes, value
 
 _SAME_PLACE_IN_EDGES = 1e-5
 """Rim vertices closer than this share of the median edge are one: float32 files resolve 1e-5 mm
@@ -32,7 +33,7 @@ _LARGEST_SHEET_SHARE = 0.01
 """Extra sheets at edges of three or more faces are removed only below this share of the area."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class MendedMesh:
     """A mesh after repair.
 
@@ -46,16 +47,10 @@ class MendedMesh:
         What was changed, one sentence each, with its count.
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    source: IntArray
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3)]
+    source: Annotated[IntArray, Axes("F")]
     repairs: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(self, "source", frozen_ints(self.source, (len(self.faces),), "source"))
 
 
 def counted(count: int, noun: str, plural: str | None = None) -> str:

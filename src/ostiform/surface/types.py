@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, frozen_mapping
-from ostiform.errors import InputError
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.values import Axes, IndexOf, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Surface:
     """A triangulated surface with named openings (ostia).
 
@@ -22,18 +23,9 @@ class Surface:
         from outside (the direction of the half-edges of the faces at the loop).
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    loops: Mapping[str, IntArray]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(self, "loops", _frozen_loops(self.loops))
-        _check_indices(self.faces, len(self.vertices), "faces")
-        for name, loop in self.loops.items():
-            _check_indices(loop, len(self.vertices), f"loop {name}")
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3), IndexOf("V")]
+    loops: Mapping[str, Annotated[IntArray, Axes(None), IndexOf("V")]]
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -49,7 +41,7 @@ class Seam:
     second: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Component:
     """Parts joined by seams into one connected mesh, the unit of all computation on a sphere.
 
@@ -71,46 +63,9 @@ class Component:
     """
 
     name: str
-    parts: tuple[str, ...]
-    vertices: FloatArray
-    faces: IntArray
-    face_part: IntArray
-    rims: Mapping[str, IntArray]
-    seams: Mapping[Seam, IntArray]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(
-            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
-        )
-        object.__setattr__(self, "rims", _frozen_loops(self.rims))
-        object.__setattr__(
-            self,
-            "seams",
-            frozen_mapping(
-                {
-                    seam: frozen_ints(loop, (None,), f"seam {seam.first} = {seam.second}")
-                    for seam, loop in self.seams.items()
-                }
-            ),
-        )
-        _check_indices(self.faces, len(self.vertices), "faces")
-        _check_indices(self.face_part, len(self.parts), "face_part")
-        for curve in (*self.rims.values(), *self.seams.values()):
-            _check_indices(curve, len(self.vertices), "loops")
-
-
-def _frozen_loops(loops: Mapping[str, IntArray]) -> Mapping[str, IntArray]:
-    return frozen_mapping(
-        {name: frozen_ints(loop, (None,), f"loop {name}") for name, loop in loops.items()}
-    )
-
-
-def _check_indices(indices: IntArray, count: int, name: str) -> None:
-    if indices.size and (indices.min() < 0 or indices.max() >= count):
-        raise InputError(
-            f"{name}: expected indices from 0 to {count - 1}, "
-            f"found {int(indices.min())} to {int(indices.max())}"
-        )
+    parts: Annotated[tuple[str, ...], Axes("parts")]
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3), IndexOf("V")]
+    face_part: Annotated[IntArray, Axes("F"), IndexOf("parts")]
+    rims: Mapping[str, Annotated[IntArray, Axes(None), IndexOf("V")]]
+    seams: Mapping[Seam, Annotated[IntArray, Axes(None), IndexOf("V")]]
