@@ -6,7 +6,7 @@ maps themselves are evaluated when asked for.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from ostiform.demo.relaxation import cut_slopes, project_to_curves, project_to_s
 from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 from ostiform.errors import ArtifactError, InputError
 from ostiform.study.shape import ShapeId
+from ostiform.values import value
 
 _SCHEMA = 1
 _CLOSEST_POINT_STEPS = 8
@@ -31,7 +32,7 @@ _KINDS: Mapping[str, Any] = frozen_mapping(
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Truth:
     """A material anatomy and the deformation that makes each shape of a population from it.
 
@@ -47,10 +48,6 @@ class Truth:
     seed: int
     anatomy: Anatomy
     deformations: Mapping[ShapeId, Deformation]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "deformations", frozen_mapping(self.deformations))
 
     def deformation(self, shape_id: ShapeId) -> Deformation:
         """Return the deformation of a shape, found by subject and phase.

@@ -11,14 +11,15 @@ the distance of two shapes is the mean over the points of the distance in mm.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numba import njit
 from scipy.spatial.distance import cdist
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 FEWEST_SHAPES = 3
 MODE_COUNTS = (1, 2, 3, 5, 10)
@@ -34,7 +35,7 @@ CANDIDATES = 8
 """Training shapes, nearest by the root mean square, among which the nearest one is searched."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ClassicalMeasures:
     """Compactness, generalisation ability and specificity with M modes.
 
@@ -53,27 +54,13 @@ class ClassicalMeasures:
     n_samples : int
     """
 
-    mode_counts: IntArray
-    compactness: FloatArray
-    generalisation: FloatArray
-    generalisation_error: FloatArray
-    specificity: FloatArray
-    specificity_error: FloatArray
+    mode_counts: Annotated[IntArray, Axes("M")]
+    compactness: Annotated[FloatArray, Axes("M")]
+    generalisation: Annotated[FloatArray, Axes("M")]
+    generalisation_error: Annotated[FloatArray, Axes("M")]
+    specificity: Annotated[FloatArray, Axes("M")]
+    specificity_error: Annotated[FloatArray, Axes("M")]
     n_samples: int
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "mode_counts", frozen_ints(self.mode_counts, (None,), "modes"))
-        for name in (
-            "compactness",
-            "generalisation",
-            "generalisation_error",
-            "specificity",
-            "specificity_error",
-        ):
-            object.__setattr__(
-                self, name, frozen_floats(getattr(self, name), (len(self.mode_counts),), name)
-            )
 
 
 def classical_measures(

@@ -5,17 +5,18 @@ polygon, of any other rim the fan about the mean of its points.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class VolumeCurve:
     """The volume of one part of one subject over the cycle.
 
@@ -31,15 +32,9 @@ class VolumeCurve:
 
     part: str
     subject: str
-    phases: tuple[str, ...]
-    times: FloatArray
-    volumes: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.phases)
-        object.__setattr__(self, "times", frozen_floats(self.times, (count,), "times"))
-        object.__setattr__(self, "volumes", frozen_floats(self.volumes, (count,), "volumes"))
+    phases: Annotated[tuple[str, ...], Axes("T")]
+    times: Annotated[FloatArray, Axes("T")]
+    volumes: Annotated[FloatArray, Axes("T")]
 
     @property
     def largest(self) -> int:

@@ -1,14 +1,15 @@
 """How few modes carry how much of a population's variation (HY Fig. 4 left; design 6)."""
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Compactness:
     """Area-weighted variance of a population's shapes, mm^2 per point.
 
@@ -20,12 +21,8 @@ class Compactness:
         Of the modes and the residual together.
     """
 
-    variances: FloatArray
+    variances: Annotated[FloatArray, Axes("K")]
     total: float
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(self, "variances", frozen_floats(self.variances, (None,), "variances"))
 
     @property
     def cumulative(self) -> FloatArray:

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.evaluation.coverage import Coverage
 from ostiform.evaluation.folds import Division
 from ostiform.evaluation.types import Evaluation
 from ostiform.model import mean_half_width
+from ostiform.values import value
 
 PAPER_GAINS = {"conformal": 0.67, "euclidean": 0.25}
 """How much more compact the optimal model was in HY section 3."""
@@ -37,7 +38,7 @@ class PairedDifference:
     subjects: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ResidueComparison:
     """Residues of left-out shapes, other - model, mm.
 
@@ -57,13 +58,8 @@ class ResidueComparison:
     surface_over_modes: PairedDifference
     worst_ratio: float
 
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        object.__setattr__(self, "surface", frozen_mapping(self.surface))
-        object.__setattr__(self, "point", frozen_mapping(self.point))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Comparison:
     """One model against another of the same shapes, on the same shared metric.
 
@@ -97,10 +93,6 @@ class Comparison:
     coverage_ratio: float
     residues: ResidueComparison | None
     truth_ratio: Mapping[str, float]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "truth_ratio", frozen_mapping(self.truth_ratio))
 
 
 def paired_difference(

@@ -1,7 +1,7 @@
 """How well the two levels of a dynamic model, who and when, fit subjects left out of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -10,12 +10,13 @@ from ostiform.errors import InputError
 from ostiform.evaluation.generalisation import MODE_COUNTS
 from ostiform.model import DynamicModel, ShapeModel, fourier_design, phase_weights, project
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 LEVELS = ("between", "within", "common", "departure")
 """The levels of a dynamic model, by the names that `DynamicModel` gives them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class LevelResidues:
     """Weighted RMS point distances, mm, by number of modes.
 
@@ -34,20 +35,11 @@ class LevelResidues:
         leaves of the same.
     """
 
-    subjects: tuple[str, ...]
-    between: FloatArray
-    within: FloatArray
-    common: FloatArray
-    departure: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self, "between", frozen_floats(self.between, (len(self.subjects), None), "between")
-        )
-        for name in ("within", "common", "departure"):
-            shape = (None, self.between.shape[1])
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+    subjects: Annotated[tuple[str, ...], Axes("S")]
+    between: Annotated[FloatArray, Axes("S", "M")]
+    within: Annotated[FloatArray, Axes(None, "M")]
+    common: Annotated[FloatArray, Axes(None, "M")]
+    departure: Annotated[FloatArray, Axes(None, "M")]
 
 
 def level_residues(

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.evaluation.distances import ComparedSurface, compared_surface, distances_from
 from ostiform.evaluation.folds import Division, Fold, Folds
 from ostiform.model import ModelMesh, ShapeModel, fit_model, project, reconstruct
+from ostiform.values import Axes, value
 
 MODE_COUNTS = tuple(range(11))
 """Numbers of modes at which residues are reported; 0 is the distance to the mean."""
@@ -17,7 +19,7 @@ MODE_COUNTS = tuple(range(11))
 MEASURES = ("point", "surface_mean", "surface_p95", "surface_max")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class OriginalMesh:
     """The surface of a shape as it came, all parts together, in input coordinates.
 
@@ -27,13 +29,8 @@ class OriginalMesh:
     faces : (F, 3) int64
     """
 
-    vertices: FloatArray
-    faces: IntArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices"))
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +57,7 @@ class PlacedFold:
     transforms: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Residues:
     """What a model leaves of one shape, for several numbers of modes; mm in input coordinates.
 
@@ -72,24 +69,17 @@ class Residues:
         Distance between the reconstruction and the original mesh, both ways.
     """
 
-    point: FloatArray
-    surface_mean: FloatArray
-    surface_p95: FloatArray
-    surface_max: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        for name in MEASURES:
-            object.__setattr__(
-                self, name, frozen_floats(getattr(self, name), (len(self.point),), name)
-            )
+    point: Annotated[FloatArray, Axes("M")]
+    surface_mean: Annotated[FloatArray, Axes("M")]
+    surface_p95: Annotated[FloatArray, Axes("M")]
+    surface_max: Annotated[FloatArray, Axes("M")]
 
 
 FoldResidues = Mapping[str, Sequence[Residues]]
 """Residues of a fold's test shapes, in the order of `Fold.test`, by the kind of model."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Generalisation:
     """Residues of every shape under a model built without it.
 
@@ -103,18 +93,11 @@ class Generalisation:
     """
 
     division: Division
-    mode_counts: IntArray
-    point: FloatArray
-    surface_mean: FloatArray
-    surface_p95: FloatArray
-    surface_max: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "mode_counts", frozen_ints(self.mode_counts, (None,), "modes"))
-        shape = (len(self.point), len(self.mode_counts))
-        for name in MEASURES:
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+    mode_counts: Annotated[IntArray, Axes("M")]
+    point: Annotated[FloatArray, Axes("N", "M")]
+    surface_mean: Annotated[FloatArray, Axes("N", "M")]
+    surface_p95: Annotated[FloatArray, Axes("N", "M")]
+    surface_max: Annotated[FloatArray, Axes("N", "M")]
 
 
 def shape_residues(

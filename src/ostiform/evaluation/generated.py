@@ -5,19 +5,20 @@ that questions about the model alone (how much do 20 subjects teach?) can be ask
 subjects as they need.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence import align
 from ostiform.demo import Deformation, Truth, canonical_points, extract
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId
 from ostiform.surface import vertex_areas
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class TruePopulation:
     """Shapes whose points are the same material points.
 
@@ -34,20 +35,11 @@ class TruePopulation:
     mesh : ModelMesh
     """
 
-    ids: tuple[ShapeId, ...]
-    points: FloatArray
-    aligned: FloatArray
-    weights: FloatArray
-    mesh: ModelMesh
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        for name in ("points", "aligned"):
-            shape = (len(self.ids), len(self.mesh.part), 3)
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
-        object.__setattr__(
-            self, "weights", frozen_floats(self.weights, (len(self.mesh.part),), "weights")
-        )
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    points: Annotated[FloatArray, Axes("N", "P", 3)]
+    aligned: Annotated[FloatArray, Axes("N", "P", 3)]
+    weights: Annotated[FloatArray, Axes("P")]
+    mesh: Annotated[ModelMesh, Axes("P")]
 
 
 def true_population(truth: Truth, edge_mm: float) -> TruePopulation:

@@ -16,6 +16,7 @@ Definitions, for one part (docs/dynamics.md has them with pictures of thought):
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from ostiform.evaluation.clinical import part_volumes
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId
 from ostiform.surface import vertex_areas
+from ostiform.values import Axes, value
 
 MM3_PER_ML = 1000.0
 THIRD = 1.0 / 3.0
@@ -65,7 +67,7 @@ class LongAxis:
     apex: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ClinicalTable:
     """Numbers of shapes, one column per quantity, with the unit at the end of its name.
 
@@ -76,14 +78,9 @@ class ClinicalTable:
     values : (N, C) float64
     """
 
-    ids: tuple[ShapeId, ...]
-    columns: tuple[str, ...]
-    values: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        shape = (len(self.ids), len(self.columns))
-        object.__setattr__(self, "values", frozen_floats(self.values, shape, "clinical numbers"))
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    columns: Annotated[tuple[str, ...], Axes("columns")]
+    values: Annotated[FloatArray, Axes("N", "columns")]
 
     def column(self, name: str) -> FloatArray:
         """Return one column (N,).

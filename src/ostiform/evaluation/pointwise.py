@@ -1,20 +1,21 @@
 """Where on the surface a model errs: residues of left-out shapes, point by point."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.evaluation.folds import Division, cross_validation_folds
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 FEWEST_SHAPES = 4
 """As for the generalisation: with fewer, a model without one of them has too little left."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PointResidues:
     """What a model built without a shape leaves of each of its points.
 
@@ -30,11 +31,7 @@ class PointResidues:
 
     division: Division
     modes: int
-    residues: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(self, "residues", frozen_floats(self.residues, (None, None), "residues"))
+    residues: Annotated[FloatArray, Axes("N", "P")]
 
     @property
     def rms(self) -> FloatArray:

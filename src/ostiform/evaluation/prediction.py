@@ -1,7 +1,7 @@
 """How well the cycle of an unseen heart is predicted from some of its phases, against baselines."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,12 +17,13 @@ from ostiform.model import (
     predict_cycle,
     resampled_cycle,
 )
+from ostiform.values import Axes, value
 
 QUANTILE = float(ndtri(0.975))
 """Half-width of a 95 % interval in standard deviations."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PredictionErrors:
     """Errors of predicted phases of one unseen heart; weighted RMS distances of points, mm.
 
@@ -40,17 +41,11 @@ class PredictionErrors:
         Share of the points' coordinates, by area, inside their 95 % interval.
     """
 
-    times: FloatArray
-    predicted: FloatArray
-    mean_motion: FloatArray
-    nearest_subject: FloatArray
-    coverage: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.times)
-        for name in ("times", "predicted", "mean_motion", "nearest_subject", "coverage"):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), (count,), name))
+    times: Annotated[FloatArray, Axes("T")]
+    predicted: Annotated[FloatArray, Axes("T")]
+    mean_motion: Annotated[FloatArray, Axes("T")]
+    nearest_subject: Annotated[FloatArray, Axes("T")]
+    coverage: Annotated[FloatArray, Axes("T")]
 
 
 def prediction_errors(

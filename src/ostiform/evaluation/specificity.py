@@ -1,21 +1,22 @@
 """Whether the shapes that a model makes look like the shapes it was built from (design 6)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.evaluation.generalisation import MODE_COUNTS
 from ostiform.model import ShapeModel, project, reconstruct, sample_scores
+from ostiform.values import Axes, value
 
 N_SAMPLES = 1000
 SAMPLE_LIMIT = 3.0
 """Standard deviations at which random scores are truncated."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Specificity:
     """Mean distance of random shapes of a model from the nearest training shape, mm.
 
@@ -30,18 +31,10 @@ class Specificity:
     n_samples : int
     """
 
-    mode_counts: IntArray
-    mean: FloatArray
-    standard_error: FloatArray
+    mode_counts: Annotated[IntArray, Axes("M")]
+    mean: Annotated[FloatArray, Axes("M")]
+    standard_error: Annotated[FloatArray, Axes("M")]
     n_samples: int
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "mode_counts", frozen_ints(self.mode_counts, (None,), "modes"))
-        for name in ("mean", "standard_error"):
-            object.__setattr__(
-                self, name, frozen_floats(getattr(self, name), (len(self.mode_counts),), name)
-            )
 
 
 def model_specificity(

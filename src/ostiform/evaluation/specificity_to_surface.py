@@ -5,17 +5,18 @@ the correspondence for shape.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.evaluation.distances import surface_distances
 from ostiform.evaluation.generalisation import OriginalMesh
 from ostiform.evaluation.specificity import SAMPLE_LIMIT
 from ostiform.model import ShapeModel, reconstruct, sample_scores
+from ostiform.values import Axes, value
 
 N_SAMPLES = 50
 CANDIDATES = 5
@@ -25,7 +26,7 @@ COMPARED_POINTS = 200
 """Points of a random shape whose distance to the nearest point of a training shape finds those."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SurfaceSpecificity:
     """Distance of random shapes of a model from the nearest training surface, mm.
 
@@ -36,11 +37,7 @@ class SurfaceSpecificity:
         surface and an original surface, least over the training shapes.
     """
 
-    distances: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(self, "distances", frozen_floats(self.distances, (None,), "distances"))
+    distances: Annotated[FloatArray, Axes(None)]
 
     @property
     def mean(self) -> float:

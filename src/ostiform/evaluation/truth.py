@@ -1,22 +1,22 @@
 """How far a correspondence is from the true one, where that is known (design 6)."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.arrays import FloatArray
 from ostiform.correspondence import Correspondence
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
+from ostiform.values import value
 
 MaterialMap: TypeAlias = Callable[[ShapeId, str, FloatArray], FloatArray]
 """From a shape, one of its parts and n points to n points: input coordinates to material
 coordinates (n, D) or back. The way to material coordinates first projects to the true surface."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class TruthDistance:
     """Distance of a correspondence from the true one, mm in input coordinates.
 
@@ -33,10 +33,6 @@ class TruthDistance:
     mean: float
     p95: float
     parts: Mapping[str, tuple[float, float]]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "parts", frozen_mapping(self.parts))
 
 
 def distance_to_truth(

@@ -10,13 +10,14 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 FLOAT, UNSIGNED_INT = 5126, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -65,7 +66,7 @@ class MorphTarget:
     displacement: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class WeightAnimation:
     """The weights of all targets over time, linear between the given times.
 
@@ -78,15 +79,11 @@ class WeightAnimation:
     """
 
     name: str
-    seconds: FloatArray
-    weights: FloatArray
+    seconds: Annotated[FloatArray, Axes("T")]
+    weights: Annotated[FloatArray, Axes("T", "K")]
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "seconds", frozen_floats(self.seconds, (None,), "seconds"))
-        object.__setattr__(
-            self, "weights", frozen_floats(self.weights, (len(self.seconds), None), "weights")
-        )
+        """Check what annotations cannot say."""
         if not len(self.seconds) or self.seconds[0] != 0.0 or (np.diff(self.seconds) <= 0.0).any():
             raise InputError(
                 f"animation {self.name}: expected increasing times from 0 s, found "

@@ -2,18 +2,18 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Landmark:
     """A named point, and how well it is known.
 
@@ -26,15 +26,8 @@ class Landmark:
     """
 
     name: str
-    position: FloatArray
-    covariance: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        label = f"landmark {self.name}"
-        object.__setattr__(self, "position", frozen_floats(self.position, (3,), label))
-        if self.covariance is not None:
-            object.__setattr__(self, "covariance", frozen_floats(self.covariance, (3, 3), label))
+    position: Annotated[FloatArray, Axes(3)]
+    covariance: Annotated[FloatArray, Axes(3, 3)] | None = None
 
 
 def read_landmarks(path: Path) -> tuple[Landmark, ...]:

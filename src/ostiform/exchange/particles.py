@@ -8,21 +8,21 @@ A project lists the subjects with their files: ``.swproj`` (JSON, every leaf a s
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.values import value
 
 PARTICLE_SUFFIXES = (".particles", ".lpts", ".wpts", ".pts")
 PROJECT_VERSION = "2"
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class ProjectRow:
     """One subject of a project: its columns as written.
 
@@ -34,10 +34,6 @@ class ProjectRow:
     """
 
     columns: Mapping[str, str]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "columns", frozen_mapping(self.columns))
 
     def domains(self) -> tuple[str, ...]:
         """Return the names of the domains that have particles."""
@@ -141,8 +137,8 @@ def write_xlsx_project(path: Path, rows: Sequence[ProjectRow], settings: Mapping
     for title, values in (("optimize", settings), ("project", {"version": PROJECT_VERSION})):
         sheet = book.create_sheet(title)
         sheet.append(["key", "value"])
-        for key, value in values.items():
-            sheet.append([key, value])
+        for row in values.items():
+            sheet.append(row)
     with atomically(path) as partial:
         book.save(partial)
 

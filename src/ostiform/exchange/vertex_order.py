@@ -11,16 +11,18 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.exchange.landmarks import read_landmarks
 from ostiform.exchange.particles import read_particles
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId, natural_key
 from ostiform.surface import RawMesh, boundary_loops, oriented_outward, read_mesh
+from ostiform.values import Axes, value
 
 DEFAULT_PART = "surface"
 PART_ARRAY = "part"
@@ -35,7 +37,7 @@ class SourceFile:
     path: Path
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class OrderedShapes:
     """N shapes that share the order of their points.
 
@@ -49,15 +51,10 @@ class OrderedShapes:
         What was concluded, one sentence each.
     """
 
-    ids: tuple[ShapeId, ...]
-    points: FloatArray
-    mesh: ModelMesh
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    points: Annotated[FloatArray, Axes("N", "P", 3)]
+    mesh: Annotated[ModelMesh, Axes("P")]
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        shape = (len(self.ids), len(self.mesh.part), 3)
-        object.__setattr__(self, "points", frozen_floats(self.points, shape, "points"))
 
 
 def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple[SourceFile, ...]:

@@ -6,16 +6,17 @@ span of the others is measured, and described as a smooth random field plus inde
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.evaluation import Fold, cross_validation_folds
 from ostiform.model import ShapeModel, StoredModel
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 SAMPLED_POINTS = 500
 """Points at which correlations are measured; their pairs are a hundred thousand."""
@@ -49,7 +50,7 @@ class LeftoverSource(Enum):
     GIVEN = "given"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Leftover:
     """The variation of a new shape beyond the modes of a model.
 
@@ -76,7 +77,7 @@ class Leftover:
     """
 
     smooth_variance: float
-    amplitude: FloatArray
+    amplitude: Annotated[FloatArray, Axes(None)]
     length: float
     noise_variance: float
     growth: float
@@ -85,8 +86,7 @@ class Leftover:
     source: LeftoverSource = LeftoverSource.GIVEN
 
     def __post_init__(self) -> None:
-        """Check the numbers and make the array read-only."""
-        object.__setattr__(self, "amplitude", frozen_floats(self.amplitude, (None,), "amplitude"))
+        """Check what annotations cannot say."""
         numbers = (self.smooth_variance, self.noise_variance, self.length, self.growth)
         if not (
             np.isfinite(numbers).all()

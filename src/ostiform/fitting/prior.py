@@ -1,14 +1,15 @@
 """The distribution of a new shape: a model's modes, the smooth field they leave, and noise."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.fitting.leftover import Leftover, LeftoverSource, estimated_leftover, matern
 from ostiform.model import ShapeModel, StoredModel
 from ostiform.surface import median_edge_length, vertex_areas
+from ostiform.values import Axes, value
 
 MODES_SHARE = 0.9995
 """Modes beyond this share of the variance join the leftover."""
@@ -22,7 +23,7 @@ MOST_GROWTH = 4.0
 """Largest factor of the field's variance that makes up for what lies within the modes' span."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class FitPrior:
     """A Gaussian distribution of new shapes, ``x = mean + modes b + field c + noise``.
 
@@ -50,21 +51,13 @@ class FitPrior:
 
     model: ShapeModel
     leftover: Leftover
-    mean: FloatArray
-    modes: FloatArray
-    field: FloatArray
+    mean: Annotated[FloatArray, Axes("M", 3)]
+    modes: Annotated[FloatArray, Axes("M", 3, "K")]
+    field: Annotated[FloatArray, Axes("M", None)]
     noise_variance: float
     centres: Mapping[str, int]
     edge: float
     area: float
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.model.mean) + len(self.centres)
-        object.__setattr__(self, "mean", frozen_floats(self.mean, (count, 3), "mean"))
-        object.__setattr__(self, "modes", frozen_floats(self.modes, (count, 3, None), "modes"))
-        object.__setattr__(self, "field", frozen_floats(self.field, (count, None), "field"))
-        object.__setattr__(self, "centres", frozen_mapping(dict(self.centres)))
 
     @property
     def size(self) -> float:

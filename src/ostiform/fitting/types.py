@@ -3,16 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.surface import SurfaceDistance
+from ostiform.values import Axes, IndexOf, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SurfaceTarget:
     """A surface to fit to: open anywhere, parts of it may be missing.
 
@@ -28,65 +29,44 @@ class SurfaceTarget:
         The part of the model that it is, where that is known.
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    loops: Mapping[str, IntArray]
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3), IndexOf("V")]
+    loops: Mapping[str, Annotated[IntArray, Axes(None)]]
     part: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self, "vertices", frozen_floats(self.vertices, (None, 3), "vertices of a target")
-        )
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces of a target"))
+        """Refuse a surface without triangles."""
         if not len(self.faces):
             raise InputError("a surface to fit to: expected triangles, found none")
-        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
-            raise InputError(
-                f"faces of a target: expected indices from 0 to {len(self.vertices) - 1}, found "
-                f"{int(self.faces.min())} to {int(self.faces.max())}"
-            )
-        object.__setattr__(
-            self,
-            "loops",
-            frozen_mapping(
-                {n: frozen_ints(loop, (None,), f"loop {n}") for n, loop in self.loops.items()}
-            ),
-        )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class CloudTarget:
     """Points of a surface (n, 3) in mm, with noise, some of them outliers."""
 
-    points: FloatArray
+    points: Annotated[FloatArray, Axes("n", 3)]
     part: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(
-            self, "points", frozen_floats(self.points, (None, 3), "points of a target")
-        )
+        """Refuse a cloud without points."""
         if not len(self.points):
             raise InputError("a point cloud to fit to: expected points, found none")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ContourTarget:
     """Curves on a surface: polylines (n, 3) in mm, a closed one ends where it starts."""
 
-    curves: tuple[FloatArray, ...]
+    curves: tuple[Annotated[FloatArray, Axes(None, 3)], ...]
     part: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        curves = tuple(frozen_floats(c, (None, 3), "points of a contour") for c in self.curves)
-        object.__setattr__(self, "curves", curves)
-        if not sum(len(curve) for curve in curves):
+        """Refuse curves without points."""
+        if not sum(len(curve) for curve in self.curves):
             raise InputError("contours to fit to: expected points, found none")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class LandmarkTarget:
     """Points with labels.
 
@@ -98,16 +78,11 @@ class LandmarkTarget:
     positions : (n, 3) float64, mm
     """
 
-    labels: tuple[str, ...]
-    positions: FloatArray
+    labels: Annotated[tuple[str, ...], Axes("n")]
+    positions: Annotated[FloatArray, Axes("n", 3)]
 
     def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(
-            self,
-            "positions",
-            frozen_floats(self.positions, (len(self.labels), 3), "positions of landmarks"),
-        )
+        """Refuse no landmarks at all."""
         if not self.labels:
             raise InputError("landmarks to fit to: expected labelled points, found none")
 
@@ -115,20 +90,13 @@ class LandmarkTarget:
 Target: TypeAlias = SurfaceTarget | CloudTarget | ContourTarget | LandmarkTarget
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Pose:
     """A transform from the model's frame to the target's, ``y = scale R x + translation``."""
 
     scale: float
-    rotation: FloatArray
-    translation: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "rotation", frozen_floats(self.rotation, (3, 3), "rotation"))
-        object.__setattr__(
-            self, "translation", frozen_floats(self.translation, (3,), "translation")
-        )
+    rotation: Annotated[FloatArray, Axes(3, 3)]
+    translation: Annotated[FloatArray, Axes(3)]
 
     @property
     def matrix(self) -> FloatArray:
@@ -212,7 +180,7 @@ class Typicality:
     reasons: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ShapeFit:
     """A model fitted to a target: the posterior distribution of shape and pose.
 
@@ -252,16 +220,16 @@ class ShapeFit:
     iterations : int
     """
 
-    points: FloatArray
+    points: Annotated[FloatArray, Axes("P", 3)]
     pose: Pose
-    pose_sd: FloatArray
-    scores: FloatArray
-    score_covariance: FloatArray
-    coefficient_covariance: FloatArray
-    point_covariance: FloatArray
-    point_sd: FloatArray
-    normal_sd: FloatArray
-    residue: FloatArray
+    pose_sd: Annotated[FloatArray, Axes(3)]
+    scores: Annotated[FloatArray, Axes("K")]
+    score_covariance: Annotated[FloatArray, Axes("K", "K")]
+    coefficient_covariance: Annotated[FloatArray, Axes(None, None)]
+    point_covariance: Annotated[FloatArray, Axes("P", 3, 3)]
+    point_sd: Annotated[FloatArray, Axes("P")]
+    normal_sd: Annotated[FloatArray, Axes("P")]
+    residue: Annotated[FloatArray, Axes(..., gaps=True)]
     residues: Residue
     noise_mm: Mapping[str, float]
     outlier_share: float
@@ -269,26 +237,6 @@ class ShapeFit:
     typicality: Typicality
     status: FitStatus
     iterations: int
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count, n_modes = len(self.points), len(self.scores)
-        for name, shape in (
-            ("points", (count, 3)),
-            ("pose_sd", (3,)),
-            ("scores", (n_modes,)),
-            ("score_covariance", (n_modes, n_modes)),
-            ("coefficient_covariance", (None, None)),
-            ("point_covariance", (count, 3, 3)),
-            ("point_sd", (count,)),
-            ("normal_sd", (count,)),
-        ):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
-        residue = np.array(self.residue, dtype=np.float64)
-        residue.flags.writeable = False
-        object.__setattr__(self, "residue", residue)
-        object.__setattr__(self, "noise_mm", frozen_mapping(dict(self.noise_mm)))
-        object.__setattr__(self, "openings", frozen_mapping(dict(self.openings)))
 
 
 def all_positions(targets: Sequence[Target]) -> FloatArray:

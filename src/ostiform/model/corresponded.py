@@ -6,12 +6,12 @@ whose correspondence was made elsewhere have no such sphere. Both are read from 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.correspondence import Correspondence
 from ostiform.errors import InputError
 from ostiform.model.algebra import check_weights
@@ -30,9 +30,10 @@ from ostiform.model.hdf5 import (
 )
 from ostiform.model.mesh import ModelMesh, mesh_of_template
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class CorrespondedShapes:
     """N shapes that share the order of their P points, and the mesh on them.
 
@@ -50,23 +51,15 @@ class CorrespondedShapes:
         May have no triangles.
     """
 
-    ids: tuple[ShapeId, ...]
-    points: FloatArray
-    aligned: FloatArray
-    transforms: FloatArray
-    weights: FloatArray
-    mesh: ModelMesh
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    points: Annotated[FloatArray, Axes("N", "P", 3)]
+    aligned: Annotated[FloatArray, Axes("N", "P", 3)]
+    transforms: Annotated[FloatArray, Axes("N", 4, 4)]
+    weights: Annotated[FloatArray, Axes("P")]
+    mesh: Annotated[ModelMesh, Axes("P")]
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        n, p = len(self.ids), len(self.mesh.part)
-        for name, shape in (
-            ("points", (n, p, 3)),
-            ("aligned", (n, p, 3)),
-            ("transforms", (n, 4, 4)),
-            ("weights", (p,)),
-        ):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+        """Check the weights."""
         check_weights(self.weights)
 
     def place_of(self, wanted: Sequence[ShapeId]) -> list[int]:

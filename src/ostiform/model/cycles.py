@@ -6,20 +6,21 @@ the constant counts once and every other coefficient by a half. The principal co
 subjects couple how a heart looks with how it beats.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import svd
 from scipy.special import ndtr, ndtri
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.model.dynamics import DynamicModel
 from ostiform.model.trajectories import fourier_design
 from ostiform.model.types import ShapeModel
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class CycleModel:
     """A Gaussian distribution of whole cycles.
 
@@ -35,23 +36,10 @@ class CycleModel:
         Over subjects (S - 1), mean over the cycle; largest first.
     """
 
-    basis: ShapeModel
-    mean: FloatArray
-    modes: FloatArray
-    variances: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        width = len(self.basis.modes)
-        object.__setattr__(self, "mean", frozen_floats(self.mean, (None, width), "mean cycle"))
-        object.__setattr__(
-            self, "modes", frozen_floats(self.modes, (None, *self.mean.shape), "modes of cycles")
-        )
-        object.__setattr__(
-            self,
-            "variances",
-            frozen_floats(self.variances, (len(self.modes),), "variances of cycles"),
-        )
+    basis: Annotated[ShapeModel, Axes("K")]
+    mean: Annotated[FloatArray, Axes("T", "K")]
+    modes: Annotated[FloatArray, Axes("M", "T", "K")]
+    variances: Annotated[FloatArray, Axes("M")]
 
 
 def fit_cycle_model(model: DynamicModel) -> CycleModel:

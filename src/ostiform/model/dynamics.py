@@ -8,6 +8,7 @@ is exactly the sum of the motion common to all and of each subject's departure f
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import eigh
@@ -35,9 +36,10 @@ from ostiform.model.trajectories import (
 )
 from ostiform.model.types import ShapeModel, StoredModel
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class DynamicModel:
     """The variation of beating shapes, by its sources.
 
@@ -73,9 +75,9 @@ class DynamicModel:
         Each subject's closed curve in the space of these scores.
     """
 
-    ids: tuple[ShapeId, ...]
-    phase_weights: FloatArray
-    total: ShapeModel
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    phase_weights: Annotated[FloatArray, Axes("N")]
+    total: Annotated[ShapeModel, Axes("K")]
     between: ShapeModel
     within: ShapeModel
     common: ShapeModel
@@ -83,20 +85,8 @@ class DynamicModel:
     between_corrected: ShapeModel
     clipped_variance: float
     effective_phases: float
-    scores: FloatArray
+    scores: Annotated[FloatArray, Axes("N", "K")]
     trajectories: Trajectories
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.ids)
-        object.__setattr__(
-            self, "phase_weights", frozen_floats(self.phase_weights, (count,), "phase weights")
-        )
-        object.__setattr__(
-            self,
-            "scores",
-            frozen_floats(self.scores, (count, len(self.total.modes)), "scores of the phases"),
-        )
 
     @property
     def subjects(self) -> tuple[str, ...]:
@@ -303,12 +293,12 @@ def variance_shares(model: DynamicModel) -> dict[str, VarianceShare]:
             subject[kept],
             [model.ids[index] for index in kept],
         )
-        for name, value in found.items():
-            left_out[name].append(value)
+        for name, share in found.items():
+            left_out[name].append(share)
     shares = {}
-    for name, value in values.items():
+    for name, share in values.items():
         half = float(jackknife_half_width(np.array(left_out[name])))
-        shares[name] = VarianceShare(value, max(0.0, value - half), min(1.0, value + half))
+        shares[name] = VarianceShare(share, max(0.0, share - half), min(1.0, share + half))
     return shares
 
 

@@ -12,6 +12,7 @@ and a factor of the variance.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -22,6 +23,7 @@ from ostiform.errors import InputError
 from ostiform.model.conditioning import CyclePrior, cycle_energies, cycle_posterior
 from ostiform.model.dynamics import DynamicModel, mean_cycle
 from ostiform.model.trajectories import fourier_design
+from ostiform.values import Axes, value
 
 ENOUGH_SUBJECTS = 20
 """With fewer training subjects the distribution of cycles is hardly known."""
@@ -40,7 +42,7 @@ TAIL = 3
 they can."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class CyclePredictor:
     """What a model has learnt about predicting the cycle from phases at certain times.
 
@@ -66,25 +68,14 @@ class CyclePredictor:
     """
 
     model: DynamicModel
-    times: FloatArray
-    energies: FloatArray
+    times: Annotated[FloatArray, Axes(None)]
+    energies: Annotated[FloatArray, Axes(None)]
     directions: float
     variance_factor: float
-    spread: FloatArray
-    left_out_errors: FloatArray
-    mean_motion_errors: FloatArray
-    nearest_subject_errors: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        for name in ("times", "energies"):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), (None,), name))
-        points = len(self.model.total.mean)
-        object.__setattr__(self, "spread", frozen_floats(self.spread, (points,), "spread"))
-        for name in ("left_out_errors", "mean_motion_errors", "nearest_subject_errors"):
-            errors = np.array(getattr(self, name), dtype=np.float64)
-            errors.flags.writeable = False
-            object.__setattr__(self, name, errors)
+    spread: Annotated[FloatArray, Axes(None)]
+    left_out_errors: Annotated[FloatArray, Axes(..., gaps=True)]
+    mean_motion_errors: Annotated[FloatArray, Axes(..., gaps=True)]
+    nearest_subject_errors: Annotated[FloatArray, Axes(..., gaps=True)]
 
     @property
     def is_weak(self) -> bool:

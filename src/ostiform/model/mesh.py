@@ -1,16 +1,17 @@
 """The triangulation that a model's points share, with the names of its parts and openings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import IntArray, frozen_ints, frozen_mapping
+from ostiform.arrays import IntArray
 from ostiform.domain import Template
 from ostiform.errors import InputError
+from ostiform.values import Axes, IndexOf, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ModelMesh:
     """The triangulation that a model's points share, with the names of its parts and openings.
 
@@ -27,37 +28,11 @@ class ModelMesh:
         Points of each ostium's rim by full name, surface of that part on the left.
     """
 
-    faces: IntArray
-    face_part: IntArray
-    part: IntArray
-    parts: tuple[str, ...]
-    loops: Mapping[str, IntArray]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "faces", frozen_ints(self.faces, (None, 3), "faces"))
-        object.__setattr__(
-            self, "face_part", frozen_ints(self.face_part, (len(self.faces),), "face_part")
-        )
-        object.__setattr__(self, "part", frozen_ints(self.part, (None,), "part"))
-        object.__setattr__(
-            self,
-            "loops",
-            frozen_mapping(
-                {n: frozen_ints(loop, (None,), f"loop {n}") for n, loop in self.loops.items()}
-            ),
-        )
-        for name, indices, count in (
-            ("faces", self.faces, len(self.part)),
-            ("face_part", self.face_part, len(self.parts)),
-            ("part", self.part, len(self.parts)),
-            *((f"loop {n}", loop, len(self.part)) for n, loop in self.loops.items()),
-        ):
-            if indices.size and (indices.min() < 0 or indices.max() >= count):
-                raise InputError(
-                    f"{name}: expected indices from 0 to {count - 1}, "
-                    f"found {int(indices.min())} to {int(indices.max())}"
-                )
+    faces: Annotated[IntArray, Axes("F", 3), IndexOf("P")]
+    face_part: Annotated[IntArray, Axes("F"), IndexOf("parts")]
+    part: Annotated[IntArray, Axes("P"), IndexOf("parts")]
+    parts: Annotated[tuple[str, ...], Axes("parts")]
+    loops: Mapping[str, Annotated[IntArray, Axes(None), IndexOf("P")]]
 
     def restricted(self, points: IntArray) -> "ModelMesh":
         """Return what is left on some of the points (Q,), in the order given.

@@ -12,7 +12,7 @@ determine the posterior in closed form (Rasmussen & Williams 2006, sections 2.2 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import eigh
@@ -26,12 +26,13 @@ from ostiform.model.learning import (
     posed_cycles,
 )
 from ostiform.model.types import ShapeModel
+from ostiform.values import Axes, value
 
 KEPT_VARIANCE = 1e-4
 """Directions of the scores' uncertainty below this share of the largest are dropped."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ObservedPhase:
     """One phase of a heart, whole or as far as it is known.
 
@@ -46,18 +47,11 @@ class ObservedPhase:
     """
 
     time: float
-    points: FloatArray
-    rows: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "points", frozen_floats(self.points, (None, 3), "points"))
-        object.__setattr__(
-            self, "rows", frozen_floats(self.rows, (None, *self.points.shape), "rows")
-        )
+    points: Annotated[FloatArray, Axes("P", 3)]
+    rows: Annotated[FloatArray, Axes(None, "P", 3)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PredictedCycle:
     """A heart through its cycle.
 
@@ -71,20 +65,9 @@ class PredictedCycle:
         Standard deviation of a coordinate of each point.
     """
 
-    times: FloatArray
-    shapes: FloatArray
-    deviations: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "times", frozen_floats(self.times, (None,), "times"))
-        count = len(self.times)
-        object.__setattr__(self, "shapes", frozen_floats(self.shapes, (count, None, 3), "shapes"))
-        object.__setattr__(
-            self,
-            "deviations",
-            frozen_floats(self.deviations, self.shapes.shape[:2], "standard deviations"),
-        )
+    times: Annotated[FloatArray, Axes("T")]
+    shapes: Annotated[FloatArray, Axes("T", "P", 3)]
+    deviations: Annotated[FloatArray, Axes("T", "P")]
 
 
 def fitted_phase(

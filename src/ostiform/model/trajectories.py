@@ -23,13 +23,14 @@ reported are nested: the weights used for a left-out phase are those that the ot
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from scipy.linalg import eigh
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 FITTED_EXACTLY = 1e-9
 """Phases with ``1 - H_ii`` below this cannot be predicted from the others."""
@@ -84,7 +85,7 @@ class TrajectorySettings:
             )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Trajectories:
     """Closed curves through a vector space of R dimensions, one per subject.
 
@@ -105,27 +106,11 @@ class Trajectories:
         where a subject's only phase cannot be left out.
     """
 
-    subjects: tuple[str, ...]
-    coefficients: FloatArray
-    common: FloatArray
-    choices: FloatArray
-    left_out_errors: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        coefficients = frozen_floats(
-            self.coefficients, (len(self.subjects), None, None), "coefficients"
-        )
-        object.__setattr__(self, "coefficients", coefficients)
-        object.__setattr__(
-            self, "common", frozen_floats(self.common, coefficients.shape[1:], "common motion")
-        )
-        object.__setattr__(
-            self, "choices", frozen_floats(self.choices, (coefficients.shape[2], 4), "choices")
-        )
-        errors = np.array(self.left_out_errors, dtype=np.float64)
-        errors.flags.writeable = False
-        object.__setattr__(self, "left_out_errors", errors)
+    subjects: Annotated[tuple[str, ...], Axes("S")]
+    coefficients: Annotated[FloatArray, Axes("S", "C", "R")]
+    common: Annotated[FloatArray, Axes("C", "R")]
+    choices: Annotated[FloatArray, Axes("R", 4)]
+    left_out_errors: Annotated[FloatArray, Axes(..., gaps=True)]
 
     @property
     def harmonics(self) -> int:

@@ -5,8 +5,8 @@ return points, scores or another model of the same kind, and change nothing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,7 @@ from ostiform.model.mesh import ModelMesh
 from ostiform.model.plotting import Colouring, plotted
 from ostiform.model.resampling import Resampling, resampling, resampling_onto
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 if TYPE_CHECKING:
     import pyvista
@@ -35,7 +36,7 @@ ORTHONORMAL_TOLERANCE = 1e-8
 """Largest entry of |Phi^T W Phi - I|, a pure number: rounding of sums over 3P products."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ShapeModel:
     """A Gaussian distribution of shapes: ``x = mean + sum_k b_k modes_k``, ``b_k ~ N(0, l_k)``.
 
@@ -57,23 +58,16 @@ class ShapeModel:
         Number of training shapes; 0 where unknown.
     """
 
-    mean: FloatArray
-    modes: FloatArray
-    variances: FloatArray
-    weights: FloatArray
-    mesh: ModelMesh
+    mean: Annotated[FloatArray, Axes("P", 3)]
+    modes: Annotated[FloatArray, Axes("K", "P", 3)]
+    variances: Annotated[FloatArray, Axes("K")]
+    weights: Annotated[FloatArray, Axes("P")]
+    mesh: Annotated[ModelMesh, Axes("P")]
     residual_variance: float
     sample_count: int
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.mesh.part)
-        object.__setattr__(self, "mean", frozen_floats(self.mean, (count, 3), "mean"))
-        object.__setattr__(self, "modes", frozen_floats(self.modes, (None, count, 3), "modes"))
-        object.__setattr__(
-            self, "variances", frozen_floats(self.variances, (len(self.modes),), "variances")
-        )
-        object.__setattr__(self, "weights", frozen_floats(self.weights, (count,), "weights"))
+        """Check what annotations cannot say."""
         if (self.variances < 0.0).any() or (np.diff(self.variances) > 0.0).any():
             raise InputError(
                 "variances of a model: expected non-negative numbers, largest first, "
@@ -373,7 +367,7 @@ class ShapeModel:
         return plotted(shape, self.mesh, values, off_screen, window_size)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class StoredModel:
     """What a model file holds: the model, and its training shapes where they are known.
 
@@ -388,18 +382,13 @@ class StoredModel:
         The triangulated base domain of the model's points; None for a model made elsewhere.
     """
 
-    model: ShapeModel
-    scores: FloatArray
-    ids: tuple[ShapeId, ...]
+    model: Annotated[ShapeModel, Axes("K")]
+    scores: Annotated[FloatArray, Axes("N", "K")]
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
     template: Template | None
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(
-            self,
-            "scores",
-            frozen_floats(self.scores, (len(self.ids), len(self.model.modes)), "scores"),
-        )
+        """Check what annotations cannot say."""
         if self.template is not None and not (
             len(self.template.points) == len(self.model.mean)
             and self.template.faces.shape == self.model.mesh.faces.shape

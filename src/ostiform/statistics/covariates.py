@@ -6,12 +6,13 @@ in all rows of a subject.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 MISSING = frozenset({"", "na", "n/a", "nan", "none", "null", "?", "-"})
 """What a cell without a value holds, in small letters."""
@@ -20,7 +21,7 @@ FEWEST_PER_LEVEL = 2
 """Subjects that a category needs: with one, its mean and its scatter are the same subject."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Covariate:
     """One fact about every subject.
 
@@ -35,12 +36,8 @@ class Covariate:
     """
 
     name: str
-    values: FloatArray
+    values: Annotated[FloatArray, Axes("S")]
     levels: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Check the values and make them read-only."""
-        object.__setattr__(self, "values", frozen_floats(self.values, (None,), self.name))
 
     @property
     def is_categorical(self) -> bool:

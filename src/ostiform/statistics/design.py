@@ -1,19 +1,20 @@
 """What is tested and what is adjusted for, as orthonormal columns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.statistics.covariates import Covariate
+from ostiform.values import Axes, value
 
 COLLINEAR = 1e-9
 """Least norm of a column beyond the columns before it, over its own norm: far above rounding."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Design:
     """A linear model of subjects: ``Y = Z g + X b + noise``.
 
@@ -29,23 +30,18 @@ class Design:
         The covariates in Z.
     """
 
-    interest: FloatArray
-    nuisance: FloatArray
-    names: tuple[str, ...]
+    interest: Annotated[FloatArray, Axes("S", "names")]
+    nuisance: Annotated[FloatArray, Axes("S", None)]
+    names: Annotated[tuple[str, ...], Axes("names")]
     adjusted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the columns and make them read-only."""
-        count = len(self.nuisance)
-        object.__setattr__(
-            self, "interest", frozen_floats(self.interest, (count, len(self.names)), "interest")
-        )
-        object.__setattr__(self, "nuisance", frozen_floats(self.nuisance, (None, None), "nuisance"))
+        """Check what annotations cannot say."""
         if self.degrees < 1:
             raise InputError(
                 f"a linear model: expected more subjects than its "
-                f"{self.interest.shape[1] + self.nuisance.shape[1]} columns, found {count}: add "
-                "subjects or adjust for less"
+                f"{self.interest.shape[1] + self.nuisance.shape[1]} columns, "
+                f"found {len(self.nuisance)}: add subjects or adjust for less"
             )
         _orthonormal(np.concatenate([self.nuisance, self.interest], axis=1), self)
 

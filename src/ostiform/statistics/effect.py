@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.model import ShapeModel, reconstruct
 from ostiform.statistics.covariates import Covariate
@@ -15,9 +16,38 @@ from ostiform.statistics.scores import ScoreTest, score_test
 from ostiform.statistics.settings import EffectSettings
 from ostiform.statistics.units import SubjectShapes
 from ostiform.surface import face_normals
+from ostiform.values import Axes, value
 
 
+<<<<<<< HEAD
 @dataclass(frozen=True, slots=True, eq=False)
+=======
+@dataclass(frozen=True, slots=True)
+class EffectSettings:
+    """How an effect is tested.
+
+    Attributes
+    ----------
+    permutations : int
+    seed : int
+    movement : str
+        ``"any"`` tests the three coordinates of every point, ``"normal"`` its movement along the
+        normal of the mean shape.
+    modes : int or None
+        Modes of the test of the whole shape; None chooses (see `score_test`).
+    shrinkage : float or None
+        Of the covariance; None chooses.
+    """
+
+    permutations: int = 9999
+    seed: int = 0
+    movement: Movement = "any"
+    modes: int | None = None
+    shrinkage: float | None = None
+
+
+@value
+>>>>>>> bf6de47 (Let annotations check the values of models, measures, fits and studies)
 class ShapeEffect:
     """What was found out about one covariate.
 
@@ -39,22 +69,12 @@ class ShapeEffect:
     """
 
     covariate: Covariate
-    design: Design
-    shape_mean: FloatArray
+    design: Annotated[Design, Axes("names")]
+    shape_mean: Annotated[FloatArray, Axes("P", 3)]
     whole: ScoreTest
-    points: PointTest
-    coefficients: FloatArray
-    normal_coefficients: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        columns, count = len(self.design.names), len(self.points.statistic)
-        for name, shape in (
-            ("shape_mean", (count, 3)),
-            ("coefficients", (columns, count, 3)),
-            ("normal_coefficients", (columns, count)),
-        ):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+    points: Annotated[PointTest, Axes("P")]
+    coefficients: Annotated[FloatArray, Axes("names", "P", 3)]
+    normal_coefficients: Annotated[FloatArray, Axes("names", "P")]
 
     def shape_at(self, value: float | str) -> FloatArray:
         """Return the fitted shape (P, 3) in mm at a value, or of a category, of the covariate.

@@ -7,7 +7,7 @@ Benjamini and Hochberg (false discoveries among the points found) and the max-T 
 Westfall and Young (any false discovery at all), from the same permutations.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ostiform.errors import InputError
 from ostiform.statistics.design import Design
 from ostiform.statistics.false_discovery import adjusted_p_values
 from ostiform.statistics.scores import EQUAL
+from ostiform.values import Axes, value
 
 CHUNK_ENTRIES = 4_000_000
 """Numbers held at a time."""
@@ -25,7 +26,7 @@ SMALLEST_SHARE = 1e-12
 point that moves in a plane only has no 3-D covariance to divide by, so this much is added."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PointTest:
     """What the tests of the points found; a (P,) array each.
 
@@ -42,16 +43,10 @@ class PointTest:
         this statistic where there is no effect anywhere.
     """
 
-    statistic: FloatArray
-    p_value: FloatArray
-    q_value: FloatArray
-    family_p_value: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.statistic)
-        for name in ("statistic", "p_value", "q_value", "family_p_value"):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), (count,), name))
+    statistic: Annotated[FloatArray, Axes("P")]
+    p_value: Annotated[FloatArray, Axes("P")]
+    q_value: Annotated[FloatArray, Axes("P")]
+    family_p_value: Annotated[FloatArray, Axes("P")]
 
 
 def point_test(values: FloatArray, design: Design, orders: IntArray) -> PointTest:

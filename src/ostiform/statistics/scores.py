@@ -8,13 +8,14 @@ for is fitted first, its residuals are permuted, and the fit is added back. With
 for this is the ordinary permutation test, which is exact.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.statistics.design import Design
+from ostiform.values import Axes, value
 
 VARIANCE_SHARE = 0.9
 """Modes are used until they hold this share of the variance between subjects ..."""
@@ -30,7 +31,7 @@ CHUNK_ENTRIES = 4_000_000
 """Numbers held at a time."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ScoreTest:
     """What one test of the whole shape found.
 
@@ -58,11 +59,7 @@ class ScoreTest:
     variance_share: float
     shrinkage: float
     explained: float
-    null: FloatArray
-
-    def __post_init__(self) -> None:
-        """Make the array read-only."""
-        object.__setattr__(self, "null", frozen_floats(self.null, (None,), "null"))
+    null: Annotated[FloatArray, Axes(None)]
 
 
 def score_test(

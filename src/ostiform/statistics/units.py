@@ -6,17 +6,18 @@ by one chosen phase.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.model import StoredModel, phase_weights
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SubjectShapes:
     """One shape per subject, as scores of a model.
 
@@ -28,15 +29,9 @@ class SubjectShapes:
         What stands for a subject: its mean over the cycle, or a phase.
     """
 
-    subjects: tuple[str, ...]
-    scores: FloatArray
+    subjects: Annotated[tuple[str, ...], Axes("S")]
+    scores: Annotated[FloatArray, Axes("S", "K")]
     what: str
-
-    def __post_init__(self) -> None:
-        """Check the scores and make them read-only."""
-        object.__setattr__(
-            self, "scores", frozen_floats(self.scores, (len(self.subjects), None), "scores")
-        )
 
     def chosen(self, subjects: Sequence[str]) -> "SubjectShapes":
         """Return the shapes of some of the subjects, in the order given."""

@@ -1,20 +1,21 @@
 """Naming: each boundary loop of a part is given to one ostium of the study."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 _FARTHEST_IN_DIAGONALS = 0.5
 """A rough point further from its loop than half the part's bounding-box diagonal is no guide: it
 is in another frame or unit."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class LoopFacts:
     """What tells loops apart, in the units and frame of the vertices they were taken from.
 
@@ -26,13 +27,9 @@ class LoopFacts:
     n_vertices : int
     """
 
-    center: FloatArray
+    center: Annotated[FloatArray, Axes(3)]
     perimeter: float
     n_vertices: int
-
-    def __post_init__(self) -> None:
-        """Check the array and make it read-only."""
-        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "loop centre"))
 
 
 def loop_facts(vertices: FloatArray, loop: IntArray) -> LoopFacts:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.study.markups import Cut, cut_heights
 from ostiform.study.naming import loop_facts
@@ -30,6 +31,7 @@ from ostiform.surface import (
     tube_cut,
     without_unreferenced,
 )
+from ostiform.values import Axes, value
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 _TO_LPS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}
@@ -45,7 +47,7 @@ _NICK_OF_CLOSED = 0.25
 """Where no opening is expected: the share of the square root of the area."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class OpenPart:
     """One part with its loops, some of them named already.
 
@@ -66,15 +68,11 @@ class OpenPart:
     """
 
     file: Path
-    vertices: FloatArray
-    faces: IntArray
+    vertices: Annotated[FloatArray, Axes("V", 3)]
+    faces: Annotated[IntArray, Axes("F", 3)]
     loops: tuple[IntArray, ...]
     known: Mapping[str, int]
     repairs: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "known", frozen_mapping(self.known))
 
 
 def internal_factors(settings: StudySettings) -> FloatArray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_mapping
+from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.study.layout_names import LayoutCircle, names_by_layout
 from ostiform.study.matching import (
@@ -29,6 +29,7 @@ from ostiform.study.settings import StudySettings
 from ostiform.study.shape import ShapeId
 from ostiform.study.survey import PartSurvey, ShapeSurvey
 from ostiform.surface import component_parts, split_ostium_name
+from ostiform.values import value
 
 LEAST_MARGIN = 0.1
 """The best way to name a shape's loops must fit a tenth better than the second best. Six left
@@ -44,7 +45,7 @@ OTHER_OPENING = 5.0
 """So many times the usual perimeter, or less than its inverse, is another opening or a nick."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ShapeNames:
     """The names of a shape's loops.
 
@@ -61,13 +62,6 @@ class ShapeNames:
     names: Mapping[str, Mapping[str, int]]
     closed: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        object.__setattr__(
-            self, "names", frozen_mapping({p: frozen_mapping(n) for p, n in self.names.items()})
-        )
-        object.__setattr__(self, "closed", frozen_mapping(self.closed))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

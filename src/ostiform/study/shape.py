@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ostiform.arrays import frozen_mapping
 from ostiform.surface import Seam, Surface
+from ostiform.values import value
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -20,7 +20,7 @@ class ShapeId:
         return f"{self.subject}/{self.phase}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Shape:
     """The parts of one subject at one phase, in input coordinates.
 
@@ -38,7 +38,3 @@ class Shape:
     parts: Mapping[str, Surface]
     seams: tuple[Seam, ...]
     repairs: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Make the mapping read-only."""
-        object.__setattr__(self, "parts", frozen_mapping(self.parts))

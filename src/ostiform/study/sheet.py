@@ -4,17 +4,16 @@ import csv
 import datetime
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ostiform.arrays import frozen_mapping
 from ostiform.errors import InputError
+from ostiform.values import value
 
 _DEFAULT_PHASE = "0"
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class SheetRow:
     """One shape of a sheet.
 
@@ -34,11 +33,6 @@ class SheetRow:
     time: float | None
     files: Mapping[str, str]
     covariates: Mapping[str, str]
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        object.__setattr__(self, "files", frozen_mapping(self.files))
-        object.__setattr__(self, "covariates", frozen_mapping(self.covariates))
 
 
 def read_sheet(

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ostiform.arrays import frozen_mapping
 from ostiform.errors import InputError
 from ostiform.study.settings import StudySettings, read_settings
 from ostiform.study.shape import ShapeId
 from ostiform.study.sheet import read_sheet
+from ostiform.values import value
 
 _FIELDS = ("subject", "phase", "part")
 _DEFAULT_PHASE = "0"
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class ShapeEntry:
     """Where one shape comes from.
 
@@ -40,11 +40,6 @@ class ShapeEntry:
     covariates: Mapping[str, str]
     notes: tuple[str, ...] = ()
     cuts: Path | None = None
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        object.__setattr__(self, "files", frozen_mapping(self.files))
-        object.__setattr__(self, "covariates", frozen_mapping(self.covariates))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,23 +1,24 @@
 """What telling the openings of a population apart needs to know of each shape."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import field
+from typing import Annotated, Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import ArtifactError
 from ostiform.study.naming import LoopFacts, loop_facts
 from ostiform.study.parts import OpenPart
 from ostiform.study.shape import ShapeId
 from ostiform.surface import face_areas
+from ostiform.values import Axes, value
 
 _SAMPLES = 400
 """Points that stand for a surface: about 5 mm apart on a left atrium."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class PartSurvey:
     """One part of one shape, in millimetres and LPS.
 
@@ -36,21 +37,15 @@ class PartSurvey:
         Loops named already, by ostium.
     """
 
-    center: FloatArray
+    center: Annotated[FloatArray, Axes(3)]
     area: float
     diagonal: float
-    samples: FloatArray
+    samples: Annotated[FloatArray, Axes(None, 3)]
     loops: tuple[LoopFacts, ...]
     known: Mapping[str, int]
 
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "centre"))
-        object.__setattr__(self, "samples", frozen_floats(self.samples, (None, 3), "samples"))
-        object.__setattr__(self, "known", frozen_mapping(self.known))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ShapeSurvey:
     """The parts of one shape, by name, and rough points of its openings from its own files.
 
@@ -64,13 +59,7 @@ class ShapeSurvey:
 
     id: ShapeId
     parts: Mapping[str, PartSurvey]
-    points: Mapping[str, FloatArray] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Make the mappings read-only."""
-        object.__setattr__(self, "parts", frozen_mapping(self.parts))
-        points = {n: frozen_floats(p, (3,), n) for n, p in self.points.items()}
-        object.__setattr__(self, "points", frozen_mapping(points))
+    points: Mapping[str, Annotated[FloatArray, Axes(3)]] = field(default_factory=dict)
 
     @property
     def diagonal(self) -> float:

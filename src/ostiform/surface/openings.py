@@ -55,7 +55,7 @@ def opened_by_value(faces: IntArray, values: NDArray[Any], caps: Mapping[str, fl
         if wanted not in present:
             shown = ", ".join(f"{v:g}" for v in present[:12])
             raise InputError(
-                f"expected triangles of wanted {wanted:g} for the opening {name}, found the values "
+                f"expected triangles of value {wanted:g} for the opening {name}, found the values "
                 f"{shown}{' and others' if len(present) > 12 else ''}"
             )
     is_wall = ~np.isin(values, list(caps.values()))
