@@ -137,8 +137,8 @@ def write_xlsx_project(path: Path, rows: Sequence[ProjectRow], settings: Mapping
     for title, values in (("optimize", settings), ("project", {"version": PROJECT_VERSION})):
         sheet = book.create_sheet(title)
         sheet.append(["key", "value"])
-        for row in values.items():
-            sheet.append(row)
+        for pair in values.items():
+            sheet.append(pair)
     with atomically(path) as partial:
         book.save(partial)
 
