@@ -162,15 +162,20 @@ def is_union(hint: Any) -> bool:
 def _plan(
     cls: type,
 ) -> tuple[tuple[tuple[str, str, Step], ...], tuple[tuple[str, str, Check], ...]]:
-    """Return what is done to the fields of a class, and what is checked when all are known."""
-    found = [
-        (name, name.replace("_", " "), *_step_and_check(hint))
-        for name, hint in type_hints(cls).items()
-    ]
+    """Return what is done to the fields of a class, and what is checked when all are known.
+
+    What is named or held by others comes before arrays, which have to agree with it.
+    """
+    hints = sorted(type_hints(cls).items(), key=lambda item: _is_array(item[1]))
+    found = [(name, name.replace("_", " "), *_step_and_check(hint)) for name, hint in hints]
     return (
         tuple((name, shown, step) for name, shown, step, _ in found if step is not None),
         tuple((name, shown, check) for name, shown, _, check in found if check is not None),
     )
+
+
+def _is_array(hint: Any) -> bool:
+    return get_origin(unwrapped(hint)[0]) is np.ndarray
 
 
 def _step_and_check(hint: Any) -> tuple[Step | None, Check | None]:
