@@ -87,7 +87,7 @@ def test_values_travel_between_processes():
         ({"faces": [[0, 1, 3]]}, "faces: expected indices from 0 to 2, found 0 to 3"),
         ({"loops": {"rim": [-1]}}, "loops rim: expected indices from 0 to 2, found -1 to -1"),
         ({"loops": {"rim": [[0, 1]]}}, "loops rim: expected an array of shape"),
-        ({"names": ("a", "b")}, "names: expected 3 of them, found 2"),
+        ({"names": ("a", "b")}, r"vertices: expected an array of shape \(2, 3\), found \(3, 3\)"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_its_name(changes, message):

@@ -175,7 +175,8 @@ def _plan(
 
 
 def _is_array(hint: Any) -> bool:
-    return get_origin(unwrapped(hint)[0]) is np.ndarray
+    options = get_args(hint) if is_union(hint) else (hint,)
+    return any(get_origin(unwrapped(option)[0]) is np.ndarray for option in options)
 
 
 def _step_and_check(hint: Any) -> tuple[Step | None, Check | None]:

@@ -1,7 +1,6 @@
 """The dependence of shape on a covariate: whether, where, and what it looks like."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -19,35 +18,7 @@ from ostiform.surface import face_normals
 from ostiform.values import Axes, value
 
 
-<<<<<<< HEAD
-@dataclass(frozen=True, slots=True, eq=False)
-=======
-@dataclass(frozen=True, slots=True)
-class EffectSettings:
-    """How an effect is tested.
-
-    Attributes
-    ----------
-    permutations : int
-    seed : int
-    movement : str
-        ``"any"`` tests the three coordinates of every point, ``"normal"`` its movement along the
-        normal of the mean shape.
-    modes : int or None
-        Modes of the test of the whole shape; None chooses (see `score_test`).
-    shrinkage : float or None
-        Of the covariance; None chooses.
-    """
-
-    permutations: int = 9999
-    seed: int = 0
-    movement: Movement = "any"
-    modes: int | None = None
-    shrinkage: float | None = None
-
-
 @value
->>>>>>> bf6de47 (Let annotations check the values of models, measures, fits and studies)
 class ShapeEffect:
     """What was found out about one covariate.
 
