@@ -11,21 +11,26 @@ from ostiform.cli.supervisor import INTERRUPTED, RESUME, supervised
 
 __all__ = ["application", "main"]
 
-HELP = """Statistical shape models of surfaces with openings: no landmarks, no patches, no folds.
+HELP = """Statistical shape models of surfaces with openings: no landmarks, no patches,
+no folds.
 
-New here? `ostiform demo` generates beating hearts, builds their model and writes a report.
+New here? `ostiform demo` generates beating hearts, builds their model and
+writes a report.
 
 With surfaces or label maps of your own:
 
-1. `ostiform init FOLDER` proposes a study.toml: which file is which shape, part and opening.
-2. `ostiform check study.toml` reads everything and says what can be used, and why not the rest.
-3. `ostiform build study.toml -o out` builds the model; then open out/report.html in a browser.
+1. `ostiform init FOLDER` proposes a study.toml: which file is which shape, part
+   and opening.
+2. `ostiform check study.toml` reads everything and says what can be used, and
+   why not the rest.
+3. `ostiform build study.toml -o out` builds the model; then open
+   out/report.html in a browser.
 
 `ostiform COMMAND --help` explains a command and its options.
 """
 
-EPILOGUE = """Exit codes: 0 done, 1 other failure, 2 input or options, 3 topology, 4 embedding,
-5 convergence, 6 artifacts, 130 interrupted.
+EPILOGUE = """Exit codes: 0 done, 1 other failure, 2 input or options, 3 topology,
+4 embedding, 5 convergence, 6 artifacts, 130 interrupted.
 """
 
 # By name, so that `ostiform --help` and `--version` do not wait for the numerical libraries.
@@ -79,7 +84,7 @@ def application(command: str = "") -> App:
         help=HELP,
         help_epilogue=EPILOGUE,
         version=__version__,
-        help_format="markdown",
+        help_format="markdown" if command in COMMANDS else "plaintext",  # imports less
         suppress_keyboard_interrupt=False,
         group_commands=Group("Options", sort_key=len(GROUPS) + 1),
     )
