@@ -8,11 +8,13 @@ import pytest
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import (
     OriginalMesh,
+    classical,
     classical_measures,
     evaluate_model,
     evaluation_facts,
     evaluation_from_facts,
     evaluation_rows,
+    specificity_to_surface,
     surface_distances,
     surface_specificity,
     write_evaluation_table,
@@ -92,6 +94,16 @@ def test_of_many_shapes_only_some_are_left_out(monkeypatch):
     assert (some.generalisation_error > whole.generalisation_error).any()
 
 
+def test_of_very_many_shapes_some_stand_for_all(monkeypatch):
+    aligned = population(6, 3, np.random.default_rng(4)).aligned
+    monkeypatch.setattr(classical, "MOST_SHAPES", 7)
+    found = classical_measures(aligned, np.random.default_rng(0), 10)
+    chosen = aligned[[0, 3, 6, 8, 11, 14, 17]]
+    expected = classical_measures(chosen, np.random.default_rng(0), 10)
+    np.testing.assert_array_equal(found.generalisation, expected.generalisation)
+    np.testing.assert_array_equal(found.mode_counts, [1, 2, 3, 5])
+
+
 def test_classical_measures_of_two_shapes_are_refused():
     aligned = population(2, 1, np.random.default_rng(4)).aligned
     with pytest.raises(InputError, match="at least 3 shapes"):
@@ -129,6 +141,15 @@ def test_specificity_to_the_surface_finds_the_nearest_of_all_surfaces(trained):
     np.testing.assert_allclose(
         found.standard_error, found.distances.std(ddof=1) / np.sqrt(20), rtol=1e-12
     )
+
+
+def test_preselected_shapes_hold_the_nearest_ones(trained, monkeypatch):
+    shapes, model, originals = trained
+    given = (model, shapes.aligned, shapes.transforms, originals)
+    every = surface_specificity(*given, np.random.default_rng(8), 20)
+    monkeypatch.setattr(specificity_to_surface, "PRESELECTED", 6)
+    some = surface_specificity(*given, np.random.default_rng(8), 20)
+    np.testing.assert_allclose(some.distances, every.distances, rtol=1e-12)
 
 
 def test_specificity_to_the_surface_does_not_see_points_that_slide_along_it(trained):

@@ -10,8 +10,10 @@ from ostiform.evaluation import (
     distance_to_truth,
     model_compactness,
     model_specificity,
+    population_coverage,
     shape_coverage,
     surface_distances,
+    truth,
 )
 from ostiform.evaluation.distances import diameter
 from ostiform.model import fit_model, mesh_of_template, reconstruct, sample_scores, truncated
@@ -231,3 +233,27 @@ def test_one_shape_has_no_distance_to_truth(rng):
     shapes, semi_axes = true_population(1, rng)
     with pytest.raises(InputError, match="at least 2 shapes"):
         distance_to_truth(shapes, *ellipsoid_maps(semi_axes))
+
+
+def test_a_population_is_covered_as_its_shapes_are_one_by_one(rng):
+    shapes = population(2, 2, rng)
+    faces = shapes.template.faces
+    initial = shapes.points + rng.normal(scale=0.1, size=shapes.points.shape)
+    originals = [OriginalMesh(points, faces) for points in shapes.points + 0.3]
+    found = population_coverage(originals, shapes.points, initial, faces)
+    for one, own in zip(found, zip(originals, shapes.points, initial, strict=True), strict=True):
+        alone = shape_coverage(*own, faces)
+        np.testing.assert_allclose(one.p95, alone.p95, rtol=1e-12)
+        np.testing.assert_allclose(one.maximum, alone.maximum, rtol=1e-12)
+        assert one.smallest_share_ratio == alone.smallest_share_ratio
+
+
+def test_of_very_many_shapes_the_pairs_of_some_are_measured(rng, monkeypatch):
+    shapes, semi_axes = true_population(5, rng, turn=0.2)
+    monkeypatch.setattr(truth, "MOST_SHAPES", 2)
+    found = distance_to_truth(shapes, *ellipsoid_maps(semi_axes))
+    errors = [
+        np.linalg.norm(shapes.points[i] / semi_axes[i] * semi_axes[j] - shapes.points[j], axis=1)
+        for i, j in ((0, 4), (4, 0))
+    ]
+    np.testing.assert_allclose(found.mean, np.mean(errors @ shapes.weights), rtol=1e-9)

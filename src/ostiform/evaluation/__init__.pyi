@@ -14,6 +14,7 @@ from .comparison import ResidueComparison as ResidueComparison
 from .comparison import compare as compare
 from .comparison import paired_difference as paired_difference
 from .coverage import Coverage as Coverage
+from .coverage import population_coverage as population_coverage
 from .coverage import shape_coverage as shape_coverage
 from .distances import ComparedSurface as ComparedSurface
 from .distances import SurfaceDistance as SurfaceDistance

@@ -25,6 +25,9 @@ FEWEST_SHAPES = 3
 MODE_COUNTS = (1, 2, 3, 5, 10)
 N_SAMPLES = 1000
 
+MOST_SHAPES = 500
+"""Shapes that the measures are of; of more, so many at equal intervals stand for all."""
+
 MOST_LEFT_OUT = 100
 """Shapes left out in turn; of more, so many are taken at equal intervals."""
 
@@ -84,6 +87,8 @@ def classical_measures(
     InputError
         If there are fewer than three shapes.
     """
+    if len(aligned) > MOST_SHAPES:
+        aligned = aligned[np.linspace(0, len(aligned) - 1, MOST_SHAPES).round().astype(int)]
     count, n_points = aligned.shape[:2]
     if count < FEWEST_SHAPES:
         raise InputError(

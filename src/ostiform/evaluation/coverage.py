@@ -1,11 +1,18 @@
 """Whether the resampled surface still covers the original (design 6): the alarm for collapse."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.evaluation.distances import diameter
 from ostiform.evaluation.generalisation import OriginalMesh
-from ostiform.surface import distances_to_surface, vertex_areas, weighted_quantile
+from ostiform.surface import (
+    closest_points,
+    moved_tree,
+    surface_tree,
+    vertex_areas,
+    weighted_quantile,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +59,33 @@ def shape_coverage(
     faces : (F, 3) int64
         Triangles of the template.
     """
-    distances = distances_to_surface(original.vertices, points, faces)  # (V,)
-    areas = vertex_areas(original.vertices, original.faces)
-    shares = _shares(points, faces)
-    return Coverage(
-        p95=weighted_quantile(distances, areas, 0.95),
-        maximum=float(distances[areas > 0.0].max()),
-        diameter=diameter(original.vertices),
-        smallest_share=float(shares.min()) * len(points),
-        smallest_share_ratio=float((shares / _shares(initial_points, faces)).min()),
-    )
+    return population_coverage([original], points[None], initial_points[None], faces)[0]
+
+
+def population_coverage(
+    originals: Sequence[OriginalMesh],
+    points: FloatArray,
+    initial_points: FloatArray,
+    faces: IntArray,
+) -> tuple[Coverage, ...]:
+    """Measure the coverage of N shapes: points (N, P, 3), and else as `shape_coverage`."""
+    found = []
+    tree = surface_tree(points[0], faces)
+    for original, own, initial in zip(originals, points, initial_points, strict=True):
+        tree = moved_tree(tree, own)
+        distances = closest_points(tree, original.vertices).distances  # (V,)
+        areas = vertex_areas(original.vertices, original.faces)
+        shares = _shares(own, faces)
+        found.append(
+            Coverage(
+                p95=weighted_quantile(distances, areas, 0.95),
+                maximum=float(distances[areas > 0.0].max()),
+                diameter=diameter(original.vertices),
+                smallest_share=float(shares.min()) * len(own),
+                smallest_share_ratio=float((shares / _shares(initial, faces)).min()),
+            )
+        )
+    return tuple(found)
 
 
 def _shares(points: FloatArray, faces: IntArray) -> FloatArray:

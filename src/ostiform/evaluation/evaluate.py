@@ -9,7 +9,7 @@ from ostiform.correspondence import Correspondence, description_length
 from ostiform.errors import InputError
 from ostiform.evaluation.classical import FEWEST_SHAPES, classical_measures
 from ostiform.evaluation.compactness import model_compactness
-from ostiform.evaluation.coverage import shape_coverage
+from ostiform.evaluation.coverage import population_coverage
 from ostiform.evaluation.generalisation import Generalisation, OriginalMesh
 from ostiform.evaluation.specificity import N_SAMPLES, model_specificity
 from ostiform.evaluation.specificity_to_surface import surface_specificity
@@ -73,11 +73,8 @@ def evaluate_model(  # noqa: PLR0913 (evidence of many kinds is gathered)
         specificity=model_specificity(
             model, correspondence.aligned, np.random.default_rng(seed), samples
         ),
-        coverage=tuple(
-            shape_coverage(original, points, initial_points, correspondence.template.faces)
-            for original, points, initial_points in zip(
-                originals, correspondence.points, initial.points, strict=True
-            )
+        coverage=population_coverage(
+            originals, correspondence.points, initial.points, correspondence.template.faces
         ),
         generalisation=generalisation,
         truth=truth,

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.evaluation.generalisation import MODE_COUNTS
-from ostiform.model import ShapeModel, project, reconstruct, sample_scores
+from ostiform.model import ShapeModel, project, sample_scores
 from ostiform.values import Axes, value
 
 N_SAMPLES = 1000
@@ -62,15 +61,18 @@ def model_specificity(
     """
     drawn = sample_scores(model, n_samples, rng, limit=SAMPLE_LIMIT)  # (S, K)
     training = project(model, aligned)  # (N, K)
-    left = aligned - reconstruct(model, training)  # (N, P, 3)
-    left_squared = np.einsum("npi,p->n", left**2, model.weights)  # (N,)
+    # Of the mean shape: what a sample's scores change in it is |b|^2 - 2 b . c.
+    from_mean = np.array(
+        [((shape - model.mean) ** 2).sum(axis=1) @ model.weights for shape in aligned]
+    )  # (N,)
     n_modes = len(model.modes)
     counts = np.unique([min(count, n_modes) for count in (*mode_counts, n_modes)])
     means, errors = [], []
     for count in counts:
-        samples = drawn * (np.arange(n_modes) < count)  # (S, K)
-        squared = cdist(samples, training, "sqeuclidean") + left_squared  # (S, N)
-        nearest = np.sqrt(squared.min(axis=1))  # (S,)
+        samples = drawn[:, :count]
+        squared = from_mean - 2.0 * (samples @ training[:, :count].T)  # (S, N)
+        least = squared.min(axis=1) + (samples**2).sum(axis=1)  # (S,)
+        nearest = np.sqrt(np.maximum(least, 0.0))
         means.append(nearest.mean())
         errors.append(nearest.std(ddof=1) / np.sqrt(n_samples))
     return Specificity(counts, np.array(means), np.array(errors), n_samples)

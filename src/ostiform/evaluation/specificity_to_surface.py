@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.evaluation.distances import surface_distances
 from ostiform.evaluation.generalisation import OriginalMesh
@@ -21,6 +21,9 @@ from ostiform.values import Axes, value
 N_SAMPLES = 50
 CANDIDATES = 5
 """Training shapes, nearest by some points, to whose surfaces a random shape is compared."""
+
+PRESELECTED = 100
+"""Training shapes, nearest by the root mean square over the points, among which those are found."""
 
 COMPARED_POINTS = 200
 """Points of a random shape whose distance to the nearest point of a training shape finds those."""
@@ -62,7 +65,7 @@ def surface_specificity(
 
     Scores are ``b_k ~ N(0, l_k)`` of all modes, truncated at 3 standard deviations. The nearest
     training surface is searched among the five whose sampled points are nearest to 200 points
-    of the random shape.
+    of the random shape, of more than 100 shapes among the 100 whose points are.
 
     Parameters
     ----------
@@ -91,7 +94,7 @@ def surface_specificity(
         )
     scores = sample_scores(model, n_samples, rng, limit=SAMPLE_LIMIT)  # (S, K)
     samples = reconstruct(model, scores)  # (S, P, 3)
-    candidates = _candidates(aligned, samples)  # (S, C)
+    candidates = _candidates(aligned, samples, model.weights)  # (S, C)
     least = np.full(n_samples, np.inf)
     for index in np.unique(candidates):
         chosen = np.flatnonzero((candidates == index).any(axis=1))
@@ -107,16 +110,28 @@ def surface_specificity(
     return SurfaceSpecificity(least)
 
 
-def _candidates(aligned: FloatArray, samples: FloatArray) -> IntArray:
+def _candidates(aligned: FloatArray, samples: FloatArray, weights: FloatArray) -> IntArray:
     """Return the training shapes (S, C) whose points are nearest to some points of the samples."""
     n_points = aligned.shape[1]
     some = np.unique(np.linspace(0, n_points - 1, min(n_points, COMPARED_POINTS)).astype(int))
-    asked = samples[:, some].reshape(-1, 3)
-    distances = np.stack(
-        [
-            np.asarray(cKDTree(shape).query(asked)[0]).reshape(len(samples), -1).mean(axis=1)
-            for shape in aligned
-        ]
-    )  # (N, S)
-    nearest: IntArray = np.argsort(distances, axis=0, kind="stable")[:CANDIDATES].T
+    distances = np.full((len(samples), len(aligned)), np.inf)
+    preselected = _preselected(aligned, samples, weights)  # (S, N)
+    for index, shape in enumerate(aligned):
+        own = np.flatnonzero(preselected[:, index])
+        if len(own):
+            gaps, _ = cKDTree(shape).query(samples[own][:, some].reshape(-1, 3))
+            distances[own, index] = np.asarray(gaps).reshape(len(own), -1).mean(axis=1)
+    nearest: IntArray = np.argsort(distances, axis=1, kind="stable")[:, :CANDIDATES]
     return nearest
+
+
+def _preselected(aligned: FloatArray, samples: FloatArray, weights: FloatArray) -> BoolArray:
+    """Return which training shapes (S, N) are among the nearest to each sample by their points."""
+    if len(aligned) <= PRESELECTED:
+        return np.ones((len(samples), len(aligned)), dtype=bool)
+    squared = np.stack(
+        [((samples - shape) ** 2).sum(axis=2) @ weights for shape in aligned], axis=1
+    )
+    last = np.partition(squared, PRESELECTED - 1, axis=1)[:, PRESELECTED - 1]
+    chosen: BoolArray = squared <= last[:, None]
+    return chosen

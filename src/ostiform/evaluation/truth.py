@@ -11,6 +11,9 @@ from ostiform.errors import InputError
 from ostiform.study import ShapeId
 from ostiform.values import value
 
+MOST_SHAPES = 100
+"""Shapes whose pairs are measured; of more, so many at equal intervals."""
+
 MaterialMap: TypeAlias = Callable[[ShapeId, str, FloatArray], FloatArray]
 """From a shape, one of its parts and n points to n points: input coordinates to material
 coordinates (n, D) or back. The way to material coordinates first projects to the true surface."""
@@ -42,7 +45,8 @@ def distance_to_truth(
 
     With g_i the true map from material coordinates to shape i, the mean over ordered pairs
     i != j of ``sum_p w_p |g_j(g_i^-1(x_ip)) - x_jp|``. No shape is a reference. A seam point
-    counts for the first part of its seam.
+    counts for the first part of its seam. Of more than 100 shapes, 100 at equal intervals are
+    taken.
 
     Parameters
     ----------
@@ -57,7 +61,9 @@ def distance_to_truth(
     InputError
         If there are fewer than two shapes.
     """
-    ids, template = correspondence.ids, correspondence.template
+    count, template = len(correspondence.ids), correspondence.template
+    taken = np.unique(np.linspace(0, count - 1, min(count, MOST_SHAPES)).round().astype(int))
+    ids = [correspondence.ids[index] for index in taken]
     if len(ids) < 2:
         raise InputError(
             f"distance to the true correspondence: expected at least 2 shapes, found {len(ids)}"
@@ -67,7 +73,7 @@ def distance_to_truth(
     means = {part: 0.0 for part in place}
     errors = np.empty((len(ids), len(ids) - 1, len(template.points)), dtype=np.float32)
     for part, chosen in place.items():
-        points = correspondence.points[:, chosen]  # (N, Q, 3)
+        points = correspondence.points[taken][:, chosen]  # (N, Q, 3)
         weights = correspondence.weights[chosen]
         material = np.stack(
             [to_material(id, part, x) for id, x in zip(ids, points, strict=True)]
