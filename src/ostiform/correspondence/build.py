@@ -179,16 +179,17 @@ def _relaxed(
     """
     first = problem.template, _directions(results[-1])
     template = relaxed(problem.shapes, problem.template, problem.circles, first[1])[0]
+    if template is problem.template:
+        return first
     each = [warps.at(index) for index in range(len(warps.ids))]
+    moved = np.stack(problem.shapes.each(_carried, each, template))
     for _ in range(MOST_FREEZES):
-        if template is problem.template:
-            break
-        moved = np.stack(problem.shapes.each(_carried, each, template))
         squeezed = squeezed_points(first, (template.points, moved))
         if not squeezed.any():
             return template, moved
-        back = np.where(squeezed[:, None], problem.template.points, template.points)
-        template = replace(template, points=back)
+        back = squeezed[:, None]
+        template = replace(template, points=np.where(back, first[0].points, template.points))
+        moved = np.where(back, first[1], moved)
     return first
 
 
@@ -342,8 +343,10 @@ def _frozen_levels(
     found = spectrum(aligned, problem.weights)
     nearest = euclidean_form(found.mean, problem.weights, problem.unit_mm**2)
     forms: list[dict[str, QuadraticForm]] = [{"distance": nearest}]
+    if len(results) > 1:
+        smooth = coherence_about(found.mean, problem.weights, 1.0)
     for result in results[1:]:
-        coherence = coherence_about(found.mean, problem.weights, result.coherence)
+        coherence = replace(smooth, strength=result.coherence * smooth.strength)
         forms.append(
             {
                 "length": majoriser(found, problem.weights, result.l_cut),

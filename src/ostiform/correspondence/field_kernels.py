@@ -25,7 +25,7 @@ def _smooth_step(s: float) -> float:
 
 
 @njit(cache=True)
-def _wendland(q: float) -> float:
+def wendland(q: float) -> float:
     """Return the Wendland C2 bump (1 - q)^4 (4 q + 1)."""
     if q >= 1.0:
         return 0.0
@@ -34,14 +34,14 @@ def _wendland(q: float) -> float:
 
 
 @njit(cache=True)
-def _reaches(f: FloatArray, kind: int, x: float, y: float, z: float, margin: float) -> bool:
-    """Return whether a field is not zero within a margin (radians) of a point."""
-    dot = f[0] * x + f[1] * y + f[2] * z
+def _reach(f: FloatArray, kind: int) -> tuple[float, float]:
+    """Return the cosines of the angles from a field's centre between which it is not zero."""
     if kind == BUMP:
-        return bool(2.0 - 2.0 * dot < (f[9] + margin) ** 2)
+        return 1.0 - 0.5 * f[9] ** 2, 2.0
     if kind == TWIST:
-        return bool(abs(math.acos(min(1.0, max(-1.0, dot))) - f[11]) < f[9] + margin)
-    return True
+        far, near = f[11] + f[9], f[11] - f[9]
+        return (math.cos(far) if far < math.pi else -2.0), (math.cos(near) if near > 0.0 else 2.0)
+    return -2.0, 2.0
 
 
 @njit(cache=True)
@@ -52,7 +52,7 @@ def _field(f: FloatArray, kind: int, x: float, y: float, z: float) -> tuple[floa
     height = 1.0
     if kind == BUMP:
         dot = f[0] * x + f[1] * y + f[2] * z
-        height = _wendland(math.sqrt(max(0.0, 2.0 - 2.0 * dot)) / f[9])
+        height = wendland(math.sqrt(max(0.0, 2.0 - 2.0 * dot)) / f[9])
         if height == 0.0:
             return 0.0, 0.0, 0.0
     normal = f[3] * x + f[4] * y + f[5] * z
@@ -64,7 +64,7 @@ def _about_circle(f: FloatArray, u: FloatArray, around: FloatArray) -> None:
     """Fill `around`: the twist's tangent vector but for the wave along the circle, the angle."""
     dot = f[0] * u[0] + f[1] * u[1] + f[2] * u[2]
     rho = math.acos(min(1.0, max(-1.0, dot)))
-    height = _wendland(abs(rho - f[11]) / f[9])
+    height = wendland(abs(rho - f[11]) / f[9])
     if height > 0.0:
         height /= math.sin(rho)
     around[0] = height * (f[1] * u[2] - f[2] * u[1])
@@ -88,6 +88,12 @@ def _wave(angle: float, count: int) -> float:
 
 
 @njit(cache=True)
+def cut_off_share(s: float) -> float:
+    """Return the share of the normal component that is cut off, s widths from a circle."""
+    return 1.0 - _smooth_step(s) if s < 1.0 else 0.0
+
+
+@njit(cache=True)
 def _near_circles(
     circles: FloatArray, sphere: int, on_circle: int, u: FloatArray, normals: FloatArray
 ) -> int:
@@ -106,10 +112,7 @@ def _near_circles(
         if k != on_circle:
             if dot <= c[5] or dot >= c[6]:
                 continue
-            s = abs(math.acos(min(1.0, max(-1.0, dot))) - c[3]) / c[4]
-            if s >= 1.0:
-                continue
-            share = 1.0 - _smooth_step(s)
+            share = cut_off_share(abs(math.acos(min(1.0, max(-1.0, dot))) - c[3]) / c[4])
         square = 0.0
         for i in range(3):
             normals[count, i] = c[i] - dot * u[i]
@@ -133,9 +136,9 @@ def _cut_off(normals: FloatArray, count: int, v: FloatArray) -> None:
 
 @njit(cache=True)
 def active_fields(
-    points: FloatArray, sphere: IntArray, table: FloatArray, labels: IntArray, margin: float
+    points: FloatArray, sphere: IntArray, table: FloatArray, labels: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Return the fields that reach each point, or come within a margin, as rows of indices.
+    """Return the fields that reach each point, as rows of indices.
 
     Returns
     -------
@@ -146,6 +149,9 @@ def active_fields(
     count, n_fields = len(points), len(table)
     starts = np.zeros(count + 1, np.int64)
     found = np.empty(count * n_fields, np.int32)
+    bounds = np.empty((n_fields, 2))
+    for d in range(n_fields):
+        bounds[d, 0], bounds[d, 1] = _reach(table[d], labels[d, 0])
     total = 0
     for p in range(count):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -154,7 +160,8 @@ def active_fields(
             if labels[d, 1] != sphere[p]:
                 continue
             if labels[d, 3] == 0:
-                reaches = _reaches(table[d], labels[d, 0], x, y, z, margin)
+                dot = table[d, 0] * x + table[d, 1] * y + table[d, 2] * z
+                reaches = bounds[d, 0] < dot < bounds[d, 1]
             if reaches:
                 found[total] = d
                 total += 1
@@ -191,136 +198,6 @@ def field_vectors(
                 v[0], v[1], v[2] = _field(table[d], labels[d, 0], x, y, z)
             _cut_off(normals, near, v)
     return vectors
-
-
-@njit(cache=True)
-def _velocity(
-    u: FloatArray,
-    sphere: int,
-    on_circle: int,
-    active: IntArray,
-    coefficients: FloatArray,
-    table: FloatArray,
-    labels: IntArray,
-    circles: FloatArray,
-    normals: FloatArray,
-    around: FloatArray,
-    v: FloatArray,
-) -> None:
-    v[0] = v[1] = v[2] = 0.0
-    for d in active:
-        a = coefficients[d]
-        if labels[d, 0] == TWIST:
-            if labels[d, 3] == 0:
-                _about_circle(table[d], u, around)
-            a *= _wave(around[3] - table[d, 10], labels[d, 2])
-            vx, vy, vz = around[0], around[1], around[2]
-        else:
-            vx, vy, vz = _field(table[d], labels[d, 0], u[0], u[1], u[2])
-        v[0] += a * vx
-        v[1] += a * vy
-        v[2] += a * vz
-    _cut_off(normals, _near_circles(circles, sphere, on_circle, u, normals), v)
-
-
-@njit(cache=True)
-def _land(u: FloatArray, on_circle: int, circles: FloatArray) -> None:
-    """Put a point back on the unit sphere, and on its circle, in place."""
-    if on_circle >= 0:
-        c = circles[on_circle]
-        dot = c[0] * u[0] + c[1] * u[1] + c[2] * u[2]
-        for k in range(3):
-            u[k] -= dot * c[k]
-        scale = math.sin(c[3]) / math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-        for k in range(3):
-            u[k] = scale * u[k] + math.cos(c[3]) * c[k]
-    else:
-        scale = 1.0 / math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-        for k in range(3):
-            u[k] *= scale
-
-
-@njit(cache=True)
-def flow_points(
-    points: FloatArray,
-    sphere: IntArray,
-    curve: IntArray,
-    starts: IntArray,
-    fields: IntArray,
-    coefficients: FloatArray,
-    table: FloatArray,
-    labels: IntArray,
-    circles: FloatArray,
-    steps: int,
-) -> FloatArray:
-    """Carry points (P, 3) along a stationary velocity for unit time by RK4 on the sphere."""
-    moved = points.copy()
-    h = 1.0 / steps
-    rates = np.empty((4, 3))
-    at = np.empty(3)
-    normals, around = np.empty((len(circles), 4)), np.empty(4)
-    for p in range(len(points)):
-        active = fields[starts[p] : starts[p + 1]]
-        u = moved[p]
-        for _ in range(steps):
-            at[:] = u
-            for stage in range(4):
-                _velocity(
-                    at,
-                    sphere[p],
-                    curve[p],
-                    active,
-                    coefficients,
-                    table,
-                    labels,
-                    circles,
-                    normals,
-                    around,
-                    rates[stage],
-                )
-                if stage < 3:
-                    part = h if stage == 2 else 0.5 * h
-                    for k in range(3):
-                        at[k] = u[k] + part * rates[stage, k]
-                    _land(at, curve[p], circles)
-            for k in range(3):
-                u[k] += (
-                    h * (rates[0, k] + 2.0 * rates[1, k] + 2.0 * rates[2, k] + rates[3, k]) / 6.0
-                )
-            _land(u, curve[p], circles)
-    return moved
-
-
-@njit(cache=True)
-def velocities(
-    points: FloatArray,
-    sphere: IntArray,
-    curve: IntArray,
-    starts: IntArray,
-    fields: IntArray,
-    coefficients: FloatArray,
-    table: FloatArray,
-    labels: IntArray,
-    circles: FloatArray,
-) -> FloatArray:
-    """Return the velocity (P, 3) at points."""
-    rates = np.empty((len(points), 3))
-    normals, around = np.empty((len(circles), 4)), np.empty(4)
-    for p in range(len(points)):
-        _velocity(
-            points[p],
-            sphere[p],
-            curve[p],
-            fields[starts[p] : starts[p + 1]],
-            coefficients,
-            table,
-            labels,
-            circles,
-            normals,
-            around,
-            rates[p],
-        )
-    return rates
 
 
 @njit(cache=True)

@@ -14,9 +14,9 @@ from ostiform.correspondence.field_kernels import (
     active_fields,
     determinants,
     field_vectors,
-    flow_points,
-    velocities,
 )
+from ostiform.correspondence.flow_kernels import flow_points, velocities
+from ostiform.correspondence.merged_velocity import MergedVelocity, merged_velocity
 from ostiform.domain import BaseDomain, Template, tangent_frame
 from ostiform.errors import InputError
 
@@ -246,7 +246,7 @@ def active(basis: FieldBasis, places: OnSpheres, directions: FloatArray) -> Acti
     directions : (P, 3) float64
         Current positions, unit vectors.
     """
-    starts, fields = active_fields(directions, places.sphere, basis.table, basis.labels, 0.0)
+    starts, fields = active_fields(directions, places.sphere, basis.table, basis.labels)
     vectors = field_vectors(
         directions,
         places.sphere,
@@ -290,26 +290,14 @@ def flow(
     -------
     moved : (P, 3) float64
     """
-    merged, amplitudes = _merged(basis, np.asarray(coefficients, dtype=np.float64))
+    merged = _merged(basis, coefficients)
     if fastest is None:
-        fastest = _greatest(_rates(merged, places, directions, amplitudes))
+        fastest = _greatest(merged, places, directions)
     count = steps or max(1, int(np.ceil(fastest / LONGEST_SUBSTEP)))
     # Points speed up on the way, as fields vary over their support, but not beyond twice.
-    starts, fields = active_fields(
-        directions, places.sphere, merged.table, merged.labels, min(2.0 * fastest, np.pi)
-    )
-    moved: FloatArray = flow_points(
-        directions,
-        places.sphere,
-        places.curve,
-        starts,
-        fields,
-        amplitudes,
-        merged.table,
-        merged.labels,
-        merged.circles,
-        count,
-    )
+    margin = min(2.0 * fastest, np.pi)
+    points = np.ascontiguousarray(directions)
+    moved: FloatArray = flow_points(points, places.sphere, places.curve, *merged, margin, count)
     return moved
 
 
@@ -317,9 +305,7 @@ def fastest_point(
     basis: FieldBasis, places: OnSpheres, directions: FloatArray, coefficients: FloatArray
 ) -> float:
     """Return the greatest speed, radians per unit time, at points (P, 3)."""
-    merged, amplitudes = _merged(basis, coefficients)
-    rates = _rates(merged, places, directions, amplitudes)
-    return _greatest(rates)
+    return _greatest(_merged(basis, coefficients), places, directions)
 
 
 def orientation_share(template: Template, directions: FloatArray) -> float:
@@ -342,39 +328,12 @@ def orientation_shares(template: Template, directions: FloatArray) -> FloatArray
     return shares
 
 
-def _merged(basis: FieldBasis, coefficients: FloatArray) -> tuple[FieldBasis, FloatArray]:
-    """Return the same velocity with one field for the two of every control point."""
-    is_second = (basis.labels[:, 0] == BUMP) & (basis.labels[:, 3] == 1)
-    second = np.flatnonzero(is_second)
-    first = second - 1
-    table, amplitudes = basis.table.copy(), coefficients.copy()
-    table[first, 3:6] = (
-        coefficients[first, None] * table[first, 3:6]
-        + coefficients[second, None] * table[second, 3:6]
-    )
-    amplitudes[first] = 1.0
-    kept = ~is_second
-    merged = FieldBasis(table[kept], basis.labels[kept], basis.control[kept], basis.circles)
-    return merged, amplitudes[kept]
+def _merged(basis: FieldBasis, coefficients: FloatArray) -> MergedVelocity:
+    own = np.asarray(coefficients, dtype=np.float64)
+    return merged_velocity(basis.table, basis.labels, basis.circles, own)
 
 
-def _greatest(rates: FloatArray) -> float:
+def _greatest(merged: MergedVelocity, places: OnSpheres, directions: FloatArray) -> float:
+    points = np.ascontiguousarray(directions)
+    rates = velocities(points, places.sphere, places.curve, *merged)
     return float(np.sqrt((rates**2).sum(axis=1).max(initial=0.0)))
-
-
-def _rates(
-    merged: FieldBasis, places: OnSpheres, directions: FloatArray, amplitudes: FloatArray
-) -> FloatArray:
-    starts, fields = active_fields(directions, places.sphere, merged.table, merged.labels, 0.0)
-    rates: FloatArray = velocities(
-        directions,
-        places.sphere,
-        places.curve,
-        starts,
-        fields,
-        amplitudes,
-        merged.table,
-        merged.labels,
-        merged.circles,
-    )
-    return rates

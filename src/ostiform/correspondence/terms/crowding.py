@@ -78,7 +78,7 @@ def crowding_residuals(
     corners, local = np.unique(template.faces[crowded], return_inverse=True)
     points = directions[corners]
     sphere, curve = template.sphere[corners], template.curve[corners]
-    starts, fields = active_fields(points, sphere, basis.table, basis.labels, 0.0)
+    starts, fields = active_fields(points, sphere, basis.table, basis.labels)
     vectors = field_vectors(
         points, sphere, curve, starts, fields, basis.table, basis.labels, basis.circles
     )
