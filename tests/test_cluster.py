@@ -112,7 +112,7 @@ def test_the_model_is_that_of_one_process_though_workers_are_killed_in_mid_sweep
         tmp_path / "out",
         until=Stage.CORRESPOND,
         scheduler=local.scheduler_address,
-        tell=kill_at_sweeps,
+        on_event=kill_at_sweeps,
     )
     assert len(killed) == 2
     for kind in KINDS:

@@ -26,7 +26,7 @@ from ostiform.pipeline.arrays_file import (
     write_shape,
 )
 from ostiform.pipeline.events import Warn
-from ostiform.pipeline.folder import taken
+from ostiform.pipeline.folder import locked
 from ostiform.pipeline.run import Run, over_shapes
 from ostiform.pipeline.store import Store
 from ostiform.study import Shape, ShapeId
@@ -206,11 +206,11 @@ def test_an_artifact_is_never_written_through_a_link(tmp_path):
 
 
 def test_one_run_at_a_time_uses_an_output_folder(tmp_path):
-    with taken(tmp_path / "out"):
+    with locked(tmp_path / "out"):
         with pytest.raises(ArtifactError, match=f"process {os.getpid()} is writing to it"):  # noqa: SIM117
-            with taken(tmp_path / "out"):
+            with locked(tmp_path / "out"):
                 pass
-    with taken(tmp_path / "out"):
+    with locked(tmp_path / "out"):
         pass
 
 
@@ -218,22 +218,22 @@ def test_the_lock_of_a_killed_run_is_no_lock(tmp_path):
     program = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
-        "from ostiform.pipeline.folder import taken\n"
-        "with taken(Path(sys.argv[1])):\n"
+        "from ostiform.pipeline.folder import locked\n"
+        "with locked(Path(sys.argv[1])):\n"
         "    Path(sys.argv[1], '.writing-half.npz').write_text('half')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     ended = subprocess.run([sys.executable, "-c", program, tmp_path / "out"], check=False)
     assert ended.returncode < 0
     assert (tmp_path / "out" / RECORDS / "lock").is_file()
-    with taken(tmp_path / "out"):
+    with locked(tmp_path / "out"):
         assert not (tmp_path / "out" / ".writing-half.npz").exists()
 
 
 def test_a_second_build_into_the_same_folder_is_refused_and_harms_nothing(small_study, copy):
     files = [path for path in copy.rglob("*") if path.is_file() and path.name != "lock"]
     before = {path: path.read_bytes() for path in files}
-    with taken(copy):
+    with locked(copy):
         second = run_ostiform("embed", small_study, "-o", copy, "-w", 1)
         assert second.returncode == 6
         assert f"process {os.getpid()} is writing to it" in second.stderr
@@ -245,11 +245,11 @@ def test_a_second_build_into_the_same_folder_is_refused_and_harms_nothing(small_
 def run_of_many(store: Path, on_error: str, workers: Workers, heard: list[str]) -> Run:
     settings = SimpleNamespace(shapes=SimpleNamespace(on_error=on_error))
 
-    def tell(event) -> None:
+    def on_event(event) -> None:
         if isinstance(event, Warn):
             heard.append(event.text)
 
-    return Run(SimpleNamespace(settings=settings), Store(store), workers, tell)
+    return Run(SimpleNamespace(settings=settings), Store(store), workers, on_event)
 
 
 MANY = list(range(500))
@@ -368,7 +368,7 @@ def test_a_read_only_output_folder_is_one_clear_sentence_and_stays_as_it_is():
             folder.chmod(0o555)
         with without_rights():
             assert store.is_current("a.json", "key")
-            with pytest.raises(ArtifactError, match="Permission denied"), taken(root):
+            with pytest.raises(ArtifactError, match="Permission denied"), locked(root):
                 pass
             with pytest.raises(ArtifactError, match="expected to write this file"):
                 store.write_json("a.json", "new key", 2)

@@ -7,6 +7,7 @@ import pytest
 from ostiform.atomic import atomically
 from ostiform.errors import ArtifactError
 from ostiform.pipeline.store import Store, key_of, slug
+from ostiform.pipeline.versions import VERSIONS
 from ostiform.study import ShapeId
 
 
@@ -91,9 +92,12 @@ def test_json_round_trip(tmp_path):
     assert json.loads(store.path("facts.json").read_text("utf-8"))["ä"][1] == 2.5
 
 
-def test_keys_differ_when_any_input_differs():
-    assert key_of("a", {"x": 1}) == key_of("a", {"x": 1})
-    assert len({key_of("a", {"x": 1}), key_of("a", {"x": 2}), key_of("b", {"x": 1})}) == 3
+def test_keys_differ_when_any_input_or_the_version_of_the_stage_differs(monkeypatch):
+    before = key_of("shape", {"x": 1})
+    assert key_of("shape", {"x": 1}) == before
+    assert len({before, key_of("shape", {"x": 2}), key_of("domain", {"x": 1})}) == 3
+    monkeypatch.setitem(VERSIONS, "shape", VERSIONS["shape"] + 1)
+    assert key_of("shape", {"x": 1}) != before
 
 
 NASTY = ["../../etc", "a/b", "a", ".", "..", "a_b", "é" * 200, "a b", "<script>", "con", "%2F"]

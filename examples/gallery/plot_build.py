@@ -28,7 +28,7 @@ settings = study.settings.model_copy(
 small = replace(study, settings=settings, entries=study.entries[:10])
 
 # %%
-# Building until the models stand; `tell` gets an event for every step. A second call would find
+# Building until the models stand; `on_event` gets an event for every step. A second call would find
 # everything current and do nothing.
 
 stages = []
@@ -36,7 +36,7 @@ results = ostiform.build(
     small,
     folder / "out",
     until=ostiform.Stage.MODEL,
-    tell=lambda event: stages.append(getattr(event, "stage", None)),
+    on_event=lambda event: stages.append(getattr(event, "stage", None)),
 )
 print("stages:", *dict.fromkeys(filter(None, stages)))
 print("left out:", results.left_out or "none")

@@ -65,7 +65,7 @@ def test_a_study_may_be_changed_before_it_is_built(example_folder, tmp_path):
         replace(study, entries=study.entries[:2]),
         tmp_path / "out",
         until=ostiform.Stage.EMBED,
-        tell=events.append,
+        on_event=events.append,
     )
     assert results.summary.shapes == 2
     assert {event.stage for event in events if hasattr(event, "stage")} >= {"read", "embed"}

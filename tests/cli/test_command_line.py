@@ -122,7 +122,7 @@ def test_whatever_ends_a_run_outside_of_a_command_has_its_code(monkeypatch, rais
 
 @pytest.mark.parametrize("kind", [OstiformError, *EXIT_CODES])
 def test_every_error_has_its_exit_code_and_is_one_sentence(kind, capsys):
-    def work(tell):
+    def work(on_event):
         raise kind("x.vtp: expected a mesh, found none")
 
     assert run_command(COMMON, work) == EXIT_CODES.get(kind, 1)
@@ -138,7 +138,7 @@ def test_every_error_has_its_exit_code_and_is_one_sentence(kind, capsys):
     ],
 )
 def test_what_the_machine_refuses_is_a_sentence_too(raised, code, said, capsys):
-    def work(tell):
+    def work(on_event):
         raise raised
 
     assert run_command(COMMON, work) == code
@@ -146,7 +146,7 @@ def test_what_the_machine_refuses_is_a_sentence_too(raised, code, said, capsys):
 
 
 def test_debug_shows_the_traceback(capsys):
-    def work(tell):
+    def work(on_event):
         raise InputError("no")
 
     run_command(Common(debug=True), work)
@@ -159,17 +159,17 @@ def test_a_number_of_workers_below_one_is_refused(count):
         worker_count(Common(workers=count))
 
 
-def tell_all(tell):
-    tell(Progress("embed", 0, 2))
-    tell(Progress("embed", 1, 2, "S1/0"))
-    tell(Warn("S2/0 left out: because"))
-    tell(Progress("embed", 2, 2, "S2/0"))
-    tell(Note("report: out/report.html"))
+def tell_all(on_event):
+    on_event(Progress("embed", 0, 2))
+    on_event(Progress("embed", 1, 2, "S1/0"))
+    on_event(Warn("S2/0 left out: because"))
+    on_event(Progress("embed", 2, 2, "S2/0"))
+    on_event(Note("report: out/report.html"))
 
 
 def test_a_pipe_gets_one_line_per_step(capsys):
-    with watching(quiet=False, verbose=False) as tell:
-        tell_all(tell)
+    with watching(quiet=False, verbose=False) as on_event:
+        tell_all(on_event)
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "warning: S2/0 left out: because"
     assert re.fullmatch(r"embed: 2/2 in \d+\.\d s", lines[1])
@@ -177,14 +177,14 @@ def test_a_pipe_gets_one_line_per_step(capsys):
 
 
 def test_verbose_adds_a_line_for_every_shape(capsys):
-    with watching(quiet=False, verbose=True) as tell:
-        tell_all(tell)
+    with watching(quiet=False, verbose=True) as on_event:
+        tell_all(on_event)
     assert "embed 1/2: S1/0" in capsys.readouterr().err
 
 
 def test_quiet_keeps_the_warnings(capsys):
-    with watching(quiet=True, verbose=False) as tell:
-        tell_all(tell)
+    with watching(quiet=True, verbose=False) as on_event:
+        tell_all(on_event)
     assert capsys.readouterr().err == "warning: S2/0 left out: because\n"
 
 
@@ -207,9 +207,9 @@ TERMINAL = """
 import time
 from ostiform.cli.watch import watching
 from ostiform.pipeline.events import Progress
-with watching(False, False) as tell:
+with watching(False, False) as on_event:
     for done in range(4):
-        tell(Progress("embed", done, 3, f"S{done}/0"))
+        on_event(Progress("embed", done, 3, f"S{done}/0"))
         time.sleep(0.15)
 """
 

@@ -45,7 +45,7 @@ def study_of(tmp_path, rng):
 
 def test_closed_surfaces_are_built_to_the_report_without_folds(study_of, tmp_path):
     told = []
-    summary = build_study(study_of(0), tmp_path / "out", tell=told.append)
+    summary = build_study(study_of(0), tmp_path / "out", on_event=told.append)
     assert summary.failures == ()
     said = [event.text for event in told if isinstance(event, Note)]
     assert "generalisation: not measured, the study asks for no folds" in said

@@ -55,7 +55,7 @@ def test_a_collapsed_model_is_a_warning_where_the_study_says_so(copied, alarmed)
     study.write_text(text.replace("[evaluation]", '[evaluation]\ncollapse = "warn"'), "utf-8")
     told = []
     before = Store(output).path("optimal/evaluation.json").stat().st_mtime_ns
-    build_study(study, output, until=Stage.EVALUATE, tell=told.append)
+    build_study(study, output, until=Stage.EVALUATE, on_event=told.append)
     warnings = [event.text for event in told if isinstance(event, Warn)]
     assert any("the optimal model has collapsed" in text for text in warnings)
     # Going on costs nothing again.
@@ -65,5 +65,5 @@ def test_a_collapsed_model_is_a_warning_where_the_study_says_so(copied, alarmed)
 def test_a_sound_model_ends_without_an_alarm(copied):
     study, output = copied
     told = []
-    build_study(study, output, until=Stage.EVALUATE, tell=told.append)
+    build_study(study, output, until=Stage.EVALUATE, on_event=told.append)
     assert not any("collapsed" in event.text for event in told if isinstance(event, Warn))

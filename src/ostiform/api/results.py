@@ -9,7 +9,7 @@ from ostiform.correspondence import KINDS, Correspondence, Kind, Warp
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import Evaluation, read_evaluation
 from ostiform.model import ShapeModel, StoredModel, read_correspondence, read_model, read_warp
-from ostiform.pipeline import Event, Stage, Summary, Tell, build_study
+from ostiform.pipeline import Event, OnEvent, Stage, Summary, build_study
 from ostiform.study import ShapeId, Study
 
 
@@ -122,7 +122,7 @@ def build(
     until: Stage = Stage.REPORT,
     workers: int = 1,
     scheduler: str | None = None,
-    tell: Tell | None = None,
+    on_event: OnEvent | None = None,
 ) -> Results:
     """Build the model of a study, with its evidence and report.
 
@@ -141,7 +141,7 @@ def build(
         Processes; in a script more than one needs the usual ``if __name__ == "__main__":``.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers do the work instead; see :doc:`/scale`.
-    tell : callable, optional
+    on_event : callable, optional
         Takes the events of the run, see `ostiform.pipeline.Event`; nothing is printed.
 
     Returns
@@ -153,10 +153,10 @@ def build(
     OstiformError
         If the study is wrong, too few shapes can be used, or an artifact cannot be written.
     """
-    watch = tell or _silent
+    watch = on_event or _silent
     source = study if isinstance(study, Study) else Path(study)
     summary = build_study(
-        source, Path(output), until=until, workers=workers, scheduler=scheduler, tell=watch
+        source, Path(output), until=until, workers=workers, scheduler=scheduler, on_event=watch
     )
     return Results(summary.output, summary)
 

@@ -37,7 +37,9 @@ def add(
     """
     return run_command(
         common,
-        lambda tell: _show(common, pipeline.add_shapes(results, study, output, shapes, tell)),
+        lambda on_event: _show(
+            common, pipeline.add_shapes(results, study, output, shapes, on_event)
+        ),
     )
 
 

@@ -82,10 +82,10 @@ def report(
     """
     return run_command(
         common,
-        lambda tell: show_summary(
+        lambda on_event: show_summary(
             common,
             pipeline.report_study(
-                study, output, workers=worker_count(common), scheduler=scheduler, tell=tell
+                study, output, workers=worker_count(common), scheduler=scheduler, on_event=on_event
             ),
         ),
     )
@@ -96,7 +96,7 @@ def _until(
 ) -> int:
     return run_command(
         common,
-        lambda tell: show_summary(
+        lambda on_event: show_summary(
             common,
             pipeline.build_study(
                 study,
@@ -104,7 +104,7 @@ def _until(
                 until=stage,
                 workers=worker_count(common),
                 scheduler=scheduler,
-                tell=tell,
+                on_event=on_event,
             ),
         ),
     )

@@ -21,7 +21,7 @@ def check(study: StudyPath, *, common: Common = DEFAULTS) -> int:
     """Read every shape and say whether it can be used; the exit code is 0 only if all can."""
     return run_command(
         common,
-        lambda tell: _show(common, pipeline.check_study(study, worker_count(common), tell)),
+        lambda on_event: _show(common, pipeline.check_study(study, worker_count(common), on_event)),
     )
 
 

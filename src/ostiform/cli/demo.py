@@ -29,15 +29,15 @@ def demo(
     """
     return run_command(
         common,
-        lambda tell: show_summary(
+        lambda on_event: show_summary(
             common,
             pipeline.build_study(
                 pipeline.demonstration_study(
-                    output / "study", subjects, shapes, seed, worker_count(common), tell
+                    output / "study", subjects, shapes, seed, worker_count(common), on_event
                 ),
                 output / "results",
                 workers=worker_count(common),
-                tell=tell,
+                on_event=on_event,
             ),
         ),
     )

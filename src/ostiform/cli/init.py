@@ -23,7 +23,7 @@ Target = Annotated[
 
 def init(folder: Folder, output: Target = None, *, common: Common = DEFAULTS) -> int:
     """Look at a folder and write a commented study.toml: pattern, parts, openings and seams."""
-    return run_command(common, lambda tell: _init(folder, output, common))
+    return run_command(common, lambda on_event: _init(folder, output, common))
 
 
 def _init(folder: Path, output: Path | None, common: Common) -> int:

@@ -33,11 +33,11 @@ EXIT_CODES: dict[type[OstiformError], int] = {
 OTHER_FAILURE = 1
 
 
-def run_command(common: Common, work: Callable[[pipeline.Tell], int]) -> int:
+def run_command(common: Common, work: Callable[[pipeline.OnEvent], int]) -> int:
     """Do a command's work and return its exit code; errors become one sentence each."""
     try:
-        with watching(common.quiet, common.verbose) as tell:
-            return work(tell)
+        with watching(common.quiet, common.verbose) as on_event:
+            return work(on_event)
     except OstiformError as error:
         if common.debug:
             traceback.print_exc()

@@ -93,7 +93,7 @@ def regress(
 def _answer(
     results: Path, column: str, categorical: tuple[str, ...], testing: Testing, common: Common
 ) -> int:
-    def work(tell: pipeline.Tell) -> int:
+    def work(on_event: pipeline.OnEvent) -> int:
         question = pipeline.Question(
             covariate=column,
             adjusted=tuple(testing.adjust or ()),
@@ -107,9 +107,9 @@ def _answer(
             ),
         )
         folder = testing.output or results / "statistics" / quote(column, safe=" ")
-        tell(pipeline.Progress("test", 0, 1))
+        on_event(pipeline.Progress("test", 0, 1))
         answer = pipeline.shape_question(results, question, folder, testing.sheet)
-        tell(pipeline.Progress("test", 1, 1))
+        on_event(pipeline.Progress("test", 1, 1))
         return _show(common, answer)
 
     return run_command(common, work)

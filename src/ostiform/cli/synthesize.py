@@ -69,10 +69,12 @@ def synthesize(
     numbered PNG frames.
     """
 
-    def work(tell: pipeline.Tell) -> int:
+    def work(on_event: pipeline.OnEvent) -> int:
         stored = ostiform.model.read_model(model)
         return _show(
-            common, output, pipeline.synthesized(stored, output, _synthesis(stored, wanted), tell)
+            common,
+            output,
+            pipeline.synthesized(stored, output, _synthesis(stored, wanted), on_event),
         )
 
     return run_command(common, work)

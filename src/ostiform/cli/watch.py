@@ -50,7 +50,7 @@ class _Bars:
     verbose: bool
     tasks: dict[str, TaskID] = field(default_factory=dict)
 
-    def tell(self, event: events.Event) -> None:
+    def show(self, event: events.Event) -> None:
         """Show one event."""
         console = self.progress.console
         if isinstance(event, events.Note):
@@ -80,7 +80,7 @@ class _Lines:
     verbose: bool
     started: dict[str, float] = field(default_factory=dict)
 
-    def tell(self, event: events.Event) -> None:
+    def show(self, event: events.Event) -> None:
         """Print one event where it deserves a line."""
         if isinstance(event, events.Note):
             self._line(event.text)
@@ -99,7 +99,7 @@ class _Lines:
 
 
 @contextmanager
-def watching(quiet: bool, verbose: bool) -> Iterator[events.Tell]:
+def watching(quiet: bool, verbose: bool) -> Iterator[events.OnEvent]:
     """Give the function that shows a run's events on standard error.
 
     Parameters
@@ -112,7 +112,7 @@ def watching(quiet: bool, verbose: bool) -> Iterator[events.Tell]:
     console = Console(stderr=True)
     if quiet:
         lines = _Lines(console, verbose=False)
-        yield lambda event: lines.tell(event) if isinstance(event, events.Warn) else None
+        yield lambda event: lines.show(event) if isinstance(event, events.Warn) else None
     elif sys.stderr.isatty():
         with Progress(
             TextColumn("{task.description:<10}"),
@@ -123,6 +123,6 @@ def watching(quiet: bool, verbose: bool) -> Iterator[events.Tell]:
             TextColumn("{task.fields[detail]}", style="dim", markup=False),
             console=console,
         ) as progress:
-            yield _Bars(progress, verbose).tell
+            yield _Bars(progress, verbose).show
     else:
-        yield _Lines(console, verbose).tell
+        yield _Lines(console, verbose).show

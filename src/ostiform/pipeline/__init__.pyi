@@ -12,8 +12,8 @@ from .demonstration import demonstration_study as demonstration_study
 from .embed import embedding_artifact as embedding_artifact
 from .events import Event as Event
 from .events import Note as Note
+from .events import OnEvent as OnEvent
 from .events import Progress as Progress
-from .events import Tell as Tell
 from .events import Warn as Warn
 from .export import export_results as export_results
 from .prediction import predicted_cycle as predicted_cycle

@@ -38,7 +38,7 @@ from ostiform.model import (
 from ostiform.pipeline.arrays_file import write_embeddings, write_shape
 from ostiform.pipeline.correspond import WARPS
 from ostiform.pipeline.embed import embedding_artifact
-from ostiform.pipeline.events import Note, Progress, Tell
+from ostiform.pipeline.events import Note, OnEvent, Progress
 from ostiform.pipeline.finished import (
     FinishedModel,
     embedded_in,
@@ -106,7 +106,7 @@ def add_shapes(
     study_path: Path,
     output: Path,
     wanted: Sequence[str] = (),
-    tell: Tell | None = None,
+    on_event: OnEvent | None = None,
 ) -> Addition:
     """Add the shapes of a study that a finished model does not have yet.
 
@@ -126,7 +126,7 @@ def add_shapes(
         A new folder.
     wanted : sequence of str
         ``SUBJECT`` or ``SUBJECT/PHASE``; empty for every new shape of the study.
-    tell : callable, optional
+    on_event : callable, optional
 
     Raises
     ------
@@ -138,7 +138,7 @@ def add_shapes(
     OstiformError
         If a new shape cannot be read, mapped or placed.
     """
-    watch: Tell = tell or (lambda _: None)
+    watch: OnEvent = on_event or (lambda _: None)
     if output.resolve() == results.resolve():
         raise InputError(f"{output}: expected another folder than the results that are added to")
     study = read_study(study_path)

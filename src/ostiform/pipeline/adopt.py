@@ -44,7 +44,7 @@ from ostiform.model import (
     write_model,
 )
 from ostiform.pipeline.adopt_sources import SourceSettings, read_source
-from ostiform.pipeline.events import Note, Progress, Tell, Warn
+from ostiform.pipeline.events import Note, OnEvent, Progress, Warn
 from ostiform.pipeline.store import Store, key_of
 from ostiform.study import ShapeId
 from ostiform.surface import median_edge_length, vertex_areas
@@ -89,7 +89,7 @@ def adopt_shapes(
     settings: SourceSettings,
     alignment: AlignmentMode = "rigid",
     per: Literal["subject", "shape"] | None = None,
-    tell: Tell | None = None,
+    on_event: OnEvent | None = None,
 ) -> Adopted:
     """Build a results folder from shapes that correspond already.
 
@@ -107,7 +107,7 @@ def adopt_shapes(
     alignment : {"rigid", "similarity", "none"}
     per : {"subject", "shape"}, optional
         What one transform belongs to; by default the subject if any has several phases.
-    tell : callable, optional
+    on_event : callable, optional
         Takes the events of the run.
 
     Raises
@@ -115,7 +115,7 @@ def adopt_shapes(
     OstiformError
         If the source cannot be used or an artifact cannot be written.
     """
-    watch: Tell = tell or (lambda _: None)
+    watch: OnEvent = on_event or (lambda _: None)
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: expected a folder for the results, found a file")
     watch(Progress("read", 0, 1))
@@ -194,7 +194,7 @@ def _copied(store: Store, name: str, key: str) -> None:
 
 
 def _write_surfaces(
-    store: Store, key: str, shapes: CorrespondedShapes, model: ShapeModel, tell: Tell
+    store: Store, key: str, shapes: CorrespondedShapes, model: ShapeModel, on_event: OnEvent
 ) -> list[str]:
     """Write what needs triangles, and return what could not be made."""
     notes = []
@@ -213,7 +213,7 @@ def _write_surfaces(
     _copied(store, "evaluation.json", key)
     worst = min(item.smallest_share for item in evaluation.coverage)
     if worst <= 0.0:
-        tell(Warn("some vertices have no area on some shapes"))
+        on_event(Warn("some vertices have no area on some shapes"))
     return notes
 
 

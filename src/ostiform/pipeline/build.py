@@ -12,8 +12,8 @@ from ostiform.execution import ClusterWorkers, Workers
 from ostiform.pipeline.correspond import Corresponded, correspond_shapes
 from ostiform.pipeline.embed import Embedded, embed_shapes
 from ostiform.pipeline.evaluate import evaluate_models
-from ostiform.pipeline.events import Event, Note, Tell, Warn
-from ostiform.pipeline.folder import taken
+from ostiform.pipeline.events import Event, Note, OnEvent, Warn
+from ostiform.pipeline.folder import locked
 from ostiform.pipeline.model import model_shapes
 from ostiform.pipeline.prepare import Prepared, prepare_shapes
 from ostiform.pipeline.run import Failure, Run
@@ -70,7 +70,7 @@ def build_study(
     until: Stage = Stage.REPORT,
     workers: int = 1,
     scheduler: str | None = None,
-    tell: Tell | None = None,
+    on_event: OnEvent | None = None,
 ) -> Summary:
     """Build the model of a study, or the part of it up to a stage.
 
@@ -89,7 +89,7 @@ def build_study(
     scheduler : str, optional
         Address of a Dask scheduler, whose workers do the work instead. They must see the study
         and the output folder under the same paths.
-    tell : callable, optional
+    on_event : callable, optional
         Takes the events of the run.
 
     Raises
@@ -103,16 +103,16 @@ def build_study(
     def watch(event: Event) -> None:
         if isinstance(event, Warn):
             heard.append(event.text)
-        if tell is not None:
-            tell(event)
+        if on_event is not None:
+            on_event(event)
 
     if scheduler is None:
         read = study if isinstance(study, Study) else read_study(study)
-        with taken(output), Workers(workers) as pool:
+        with locked(output), Workers(workers) as pool:
             return _staged(Run(read, Store(output), pool, watch), until, heard)
     read = _findable(study if isinstance(study, Study) else read_study(study.absolute()))
     root = output.absolute()
-    with ClusterWorkers(scheduler) as cluster, taken(root):
+    with ClusterWorkers(scheduler) as cluster, locked(root):
         cluster.check(root)
         return _staged(Run(read, Store(root), cluster, watch), until, heard)
 
@@ -162,7 +162,7 @@ def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
                 run, prepared, embedded, corresponded, failures, clock.seconds, heard
             ),
         )
-        run.tell(Note(f"report: {run.store.path('report.html')}"))
+        run.on_event(Note(f"report: {run.store.path('report.html')}"))
     remove_samplers(run.store)
     if collapsed and run.study.settings.evaluation.collapse == "stop":
         raise CollapseError(

@@ -7,7 +7,7 @@ from pathlib import Path
 from ostiform.domain import triangle_quality
 from ostiform.errors import OstiformError
 from ostiform.execution import Workers
-from ostiform.pipeline.events import Progress, Tell
+from ostiform.pipeline.events import OnEvent, Progress
 from ostiform.pipeline.naming import layout_circles
 from ostiform.pipeline.prepare import prepared_components
 from ostiform.study import (
@@ -73,7 +73,9 @@ class ShapeCheck:
     problem: str | None
 
 
-def check_study(study_path: Path, workers: int = 1, tell: Tell | None = None) -> list[ShapeCheck]:
+def check_study(
+    study_path: Path, workers: int = 1, on_event: OnEvent | None = None
+) -> list[ShapeCheck]:
     """Read every shape of a study and say whether it can be used.
 
     Raises
@@ -92,7 +94,7 @@ def check_study(study_path: Path, workers: int = 1, tell: Tell | None = None) ->
             surveys[outcome.index] = outcome.value
             if outcome.error is not None:
                 problems[entries[outcome.index].id] = str(outcome.error)
-            _tell(tell, "look", done, entries, outcome.index)
+            _tell(on_event, "look", done, entries, outcome.index)
         population = named_population(
             study.settings,
             [s for s in surveys if s is not None],
@@ -105,15 +107,15 @@ def check_study(study_path: Path, workers: int = 1, tell: Tell | None = None) ->
         ]
         for done, checked in enumerate(pool.each(_check, tasks), start=1):
             found[checked.index] = checked.result
-            _tell(tell, "check", done, entries, checked.index)
+            _tell(on_event, "check", done, entries, checked.index)
     return [check for check in found if check is not None]
 
 
 def _tell(
-    tell: Tell | None, stage: str, done: int, entries: Sequence[ShapeEntry], index: int
+    on_event: OnEvent | None, stage: str, done: int, entries: Sequence[ShapeEntry], index: int
 ) -> None:
-    if tell is not None:
-        tell(Progress(stage, done, len(entries), str(entries[index].id)))
+    if on_event is not None:
+        on_event(Progress(stage, done, len(entries), str(entries[index].id)))
 
 
 def _look(task: tuple[Study, ShapeEntry]) -> ShapeSurvey:

@@ -83,20 +83,20 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
         shapes = stored_shapes(run, embedded.ready, prepared.domain, marks)
         poses = prepared.poses[list(embedded.index)]
         total = settings.levels * settings.sweeps
-        run.tell(Progress("correspond", 0, total))
+        run.on_event(Progress("correspond", 0, total))
         resumed = unfinished.checkpoints()
         if resumed:
             level, sweep = resumed[-1].level, resumed[-1].sweeps
-            run.tell(Note(f"correspond: goes on after level {level} sweep {sweep}"))
+            run.on_event(Note(f"correspond: goes on after level {level} sweep {sweep}"))
 
-        def tell(record: SweepRecord) -> None:
+        def on_sweep(record: SweepRecord) -> None:
             done = (record.level - 1) * settings.sweeps + min(record.sweep, settings.sweeps)
             detail = f"level {record.level} sweep {record.sweep}: {record.objective:.5g}"
-            run.tell(Progress("correspond", min(done, total - 1), total, detail))
+            run.on_event(Progress("correspond", min(done, total - 1), total, detail))
 
         shared_metric = build_shared_metric(shapes, ids, prepared.domain, poses, settings)
         trained = correspond(
-            shapes, ids, shared_metric, settings, tell, resumed=resumed, save=unfinished.save
+            shapes, ids, shared_metric, settings, on_sweep, resumed=resumed, save=unfinished.save
         )
         for kind in KINDS:
             with run.store.writing(f"{kind}/correspondence.h5", key) as path:
@@ -104,11 +104,11 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
         with run.store.writing(WARPS, key) as path:
             write_warps(path, trained["optimal"].frozen, trained["optimal"].warps)
         run.store.write_json(FACTS, key, _facts(trained["optimal"], settings))
-        run.tell(Progress("correspond", total, total))
+        run.on_event(Progress("correspond", total, total))
     unfinished.remove()
     facts = run.store.read_json(FACTS)
     if facts["warning"]:
-        run.tell(Warn(facts["warning"]))
+        run.on_event(Warn(facts["warning"]))
     copy_artifact(run.store, "optimal/correspondence.h5", "correspondence.h5", key)
     return Corresponded(key, facts["l_cut_mm2"], facts["noise_mm"])
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ostiform.demo import write_demonstration
 from ostiform.execution import Workers
-from ostiform.pipeline.events import Progress, Tell
+from ostiform.pipeline.events import OnEvent, Progress
 from ostiform.pipeline.store import Store, key_of
 
 
@@ -22,7 +22,7 @@ class _Spread:
 
 
 def demonstration_study(
-    folder: Path, subjects: int, shapes: int, seed: int, workers: int, tell: Tell
+    folder: Path, subjects: int, shapes: int, seed: int, workers: int, on_event: OnEvent
 ) -> Path:
     """Write the demonstration population, unless it is there already, and return its study file.
 
@@ -33,7 +33,7 @@ def demonstration_study(
         As `write_demonstration`.
     workers : int
         Processes.
-    tell : callable
+    on_event : callable
         Takes the events of the run.
     """
     store = Store(folder)
@@ -46,7 +46,7 @@ def demonstration_study(
                 results: list[Any] = [None] * len(tasks)
                 for done, outcome in enumerate(pool.each(_Spread(function), tasks), start=1):
                     results[outcome.index] = outcome.result
-                    tell(Progress("generate", done, len(tasks)))
+                    on_event(Progress("generate", done, len(tasks)))
                 return results
 
             write_demonstration(folder, subjects, shapes, seed, mapped=mapped)

@@ -115,6 +115,6 @@ def _differing(run: Run, mapped: Sequence[_Mapped]) -> list[Failure]:
         reason = f"{item.ready.id}: its map differs from the others': {'; '.join(reasons)}"
         if run.study.settings.shapes.on_error == "stop":
             raise EmbeddingError(reason)
-        run.tell(Warn(f"{item.ready.id} left out: {reason}"))
+        run.on_event(Warn(f"{item.ready.id} left out: {reason}"))
         failures.append(Failure(item.ready.id, "embed", reason))
     return failures

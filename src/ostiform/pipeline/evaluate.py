@@ -77,7 +77,7 @@ def evaluate_models(
     _made(run, prepared, embedded, corresponded)
     collapsed = _collapsed(run.store)
     for clause in collapsed:
-        run.tell(Warn(clause))
+        run.on_event(Warn(clause))
     return collapsed
 
 
@@ -177,11 +177,11 @@ def _left_out(
 ) -> Mapping[str, Generalisation]:
     shapes = embedded.ready
     if len(shapes) < FEWEST_SHAPES:
-        run.tell(Note(f"generalisation: not measured, {len(shapes)} shapes are too few"))
+        run.on_event(Note(f"generalisation: not measured, {len(shapes)} shapes are too few"))
         return {}
     settings = run.study.settings.evaluation
     if settings.folds == 0:
-        run.tell(Note("generalisation: not measured, the study asks for no folds"))
+        run.on_event(Note("generalisation: not measured, the study asks for no folds"))
         return {}
     folds = cross_validation_folds([shape.id for shape in shapes], settings.folds)
     mode_counts = folds.mode_counts(settings.modes)
@@ -203,10 +203,10 @@ def _left_out(
         for number, fold in enumerate(folds.folds, start=1)
     ]
     results: list[FoldResidues | None] = [None] * len(tasks)
-    run.tell(Progress("evaluate", 0, len(tasks)))
+    run.on_event(Progress("evaluate", 0, len(tasks)))
     for done, outcome in enumerate(run.workers.each(_fold, tasks), start=1):
         results[outcome.index] = outcome.result
-        run.tell(Progress("evaluate", done, len(tasks), tasks[outcome.index].fold.label))
+        run.on_event(Progress("evaluate", done, len(tasks), tasks[outcome.index].fold.label))
     return cross_validated(folds, [item for item in results if item is not None], mode_counts)
 
 

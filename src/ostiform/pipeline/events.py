@@ -38,4 +38,4 @@ class Warn:
 
 
 Event: TypeAlias = Progress | Note | Warn
-Tell: TypeAlias = Callable[[Event], None]
+OnEvent: TypeAlias = Callable[[Event], None]

@@ -1,26 +1,28 @@
 """Taking an output folder into use: by one run at a time, within its own walls."""
 
 import os
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from ostiform.atomic import remove_leftovers
 from ostiform.errors import ArtifactError, InputError
 from ostiform.pipeline.store import RECORDS
 
 LOCK = "lock"
+HOLDER = "holder"
 
 
 @contextmanager
-def taken(root: Path) -> Iterator[None]:
+def locked(root: Path) -> Iterator[None]:
     """Keep an output folder to this process while the block runs.
 
     The folder is made if it is missing. The lock is the operating system's on the file
-    ``.ostiform/lock``, which also holds the process number for people to read: it ends with the
-    process, so there are no stale locks. Temporary files of killed runs are removed. Where the
-    system has no such locks (Windows) nothing is locked.
+    ``.ostiform/lock``: it ends with the process, so there are no stale locks. Beside it,
+    ``holder`` has the number of the process, for people to read. Temporary files of killed runs
+    are removed.
 
     Raises
     ------
@@ -31,11 +33,19 @@ def taken(root: Path) -> Iterator[None]:
     """
     if root.exists() and not root.is_dir():
         raise InputError(f"{root}: expected a folder for the results, found a file")
-    path = root / RECORDS / LOCK
+    records = root / RECORDS
     _refuse_links(root)
+    # Another lock object of the same process is another run, which must not get in either.
+    lock = FileLock(records / LOCK, is_singleton=False, thread_local=False)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        records.mkdir(parents=True, exist_ok=True)
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise ArtifactError(
+            f"{root}: expected an output folder that no other run uses, found that process "
+            f"{_holder(records)} is writing to it; wait for it to end, or choose another output "
+            "folder"
+        ) from None
     except OSError as error:
         raise ArtifactError(
             f"{root}: expected a folder to write results to, found that "
@@ -43,33 +53,27 @@ def taken(root: Path) -> Iterator[None]:
             "(what was there is unchanged)"
         ) from error
     try:
-        _lock(handle, root)
         remove_leftovers(root)
-        _sign(handle, root)
+        _sign(records, root)
         yield
     finally:
-        os.close(handle)
+        with suppress(OSError):  # only a name for people, and no lock
+            (records / HOLDER).unlink()
+        lock.release()
 
 
-def _lock(handle: int, root: Path) -> None:
-    if sys.platform == "win32":
-        return
-    import fcntl
-
+def _holder(records: Path) -> str:
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        holder = os.read(handle, 20).decode("ascii", "replace").strip() or "unknown"
-        raise ArtifactError(
-            f"{root}: expected an output folder that no other run uses, found that process "
-            f"{holder} is writing to it; wait for it to end, or choose another output folder"
-        ) from None
+        return (records / HOLDER).read_text("ascii").strip()[:20] or "unknown"
+    except (OSError, UnicodeDecodeError):
+        return "unknown"
 
 
-def _sign(handle: int, root: Path) -> None:
+def _sign(records: Path, root: Path) -> None:
+    holder = records / HOLDER
     try:
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+        holder.unlink(missing_ok=True)  # a link in its place is removed, not followed
+        holder.write_text(f"{os.getpid()}\n", "ascii")
     except OSError as error:
         raise ArtifactError(
             f"{root}: expected to write there, found that {error.strerror or error}; free some "

@@ -33,7 +33,7 @@ DEVIATIONS = (-3.0, -2.0, 2.0, 3.0)
 def model_shapes(run: Run, corresponded: Corresponded) -> None:
     """Fit the three models and write them with their meshes."""
     key = key_of("model", corresponded.key)
-    run.tell(Progress("model", 0, len(KINDS) + 1))
+    run.on_event(Progress("model", 0, len(KINDS) + 1))
     for done, kind in enumerate(KINDS, start=1):
         if not run.store.is_current(f"{kind}/model.h5", key):
             correspondence = read_correspondence(run.store.path(f"{kind}/correspondence.h5"))
@@ -48,11 +48,11 @@ def model_shapes(run: Run, corresponded: Corresponded) -> None:
                         correspondence.template,
                     ),
                 )
-        run.tell(Progress("model", done, len(KINDS) + 1))
+        run.on_event(Progress("model", done, len(KINDS) + 1))
     copy_artifact(run.store, "optimal/model.h5", "model.h5", key)
     correspondence = read_correspondence(run.store.path("optimal/correspondence.h5"))
     _write_meshes(run, correspondence, key)
-    run.tell(Progress("model", len(KINDS) + 1, len(KINDS) + 1))
+    run.on_event(Progress("model", len(KINDS) + 1, len(KINDS) + 1))
 
 
 def _fitted(correspondence: Correspondence) -> ShapeModel:

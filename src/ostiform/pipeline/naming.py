@@ -128,7 +128,7 @@ def _named(
         reason = f"shape {survey.id}: {population.problems[survey.id]}"
         if run.study.settings.shapes.on_error == "stop":
             raise InputError(reason)
-        run.tell(Warn(f"{survey.id} left out: {reason}"))
+        run.on_event(Warn(f"{survey.id} left out: {reason}"))
         failures.append(Failure(survey.id, "look", reason))
     return population.names, failures
 

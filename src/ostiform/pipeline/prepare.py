@@ -88,7 +88,7 @@ def prepare_shapes(run: Run) -> Prepared:
     poses = frozen_floats(run.store.read_json("poses.json"), (len(ready), 4, 4), "poses")
     for shape, is_mirrored in zip(ready, run.store.read_json(MIRRORED), strict=True):
         if is_mirrored:
-            run.tell(Warn(f"{shape.id}: fits the others better as its mirror image; check it"))
+            run.on_event(Warn(f"{shape.id}: fits the others better as its mirror image; check it"))
     if not run.store.is_current("domain.json", domain_key):
         run.store.write_json("domain.json", domain_key, domain_to_json(_domain(run, ready, poses)))
     domain = domain_from_json(run.store.read_json("domain.json"))

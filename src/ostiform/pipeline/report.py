@@ -41,7 +41,7 @@ from ostiform.pipeline.correspond import Corresponded
 from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.dynamics import write_dynamics
 from ostiform.pipeline.embed import Embedded
-from ostiform.pipeline.events import Progress, Tell
+from ostiform.pipeline.events import OnEvent, Progress
 from ostiform.pipeline.prepare import Prepared, shape_artifact
 from ostiform.pipeline.report_maps import map_records, state_view
 from ostiform.pipeline.report_record import (
@@ -140,10 +140,10 @@ def report_run(
     record = after(read_record(run.store), record)
     write_record(run.store, record)
     write_covariates(run)
-    _render(run.store, record, run.workers, run.tell)
+    _render(run.store, record, run.workers, run.on_event)
 
 
-def report_again(output: Path, workers: Executor, tell: Tell) -> RunRecord:
+def report_again(output: Path, workers: Executor, on_event: OnEvent) -> RunRecord:
     """Write the report of an output folder again, from what lies in it alone.
 
     Neither the study nor its meshes are needed.
@@ -160,12 +160,12 @@ def report_again(output: Path, workers: Executor, tell: Tell) -> RunRecord:
             f"{output}: expected the results of a finished run, found no run.json; run "
             "`ostiform build` with this output folder"
         )
-    _render(store, record, workers, tell)
+    _render(store, record, workers, on_event)
     return record
 
 
-def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> None:
-    tell(Progress("report", 0, 1))
+def _render(store: Store, record: RunRecord, workers: Executor, on_event: OnEvent) -> None:
+    on_event(Progress("report", 0, 1))
     domain = domain_from_json(store.read_json("domain.json"))
     evaluations: dict[str, Evaluation] = {
         kind: read_evaluation(store.path(f"{kind}/evaluation.json")) for kind in KINDS
@@ -242,7 +242,7 @@ def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> N
         ),
         summary=headline_table(evaluations, comparisons, intervals),
     )
-    drawings = _drawn(page, store, workers, tell)
+    drawings = _drawn(page, store, workers, on_event)
     key = key_of("report", record.correspondence_key)
     with store.writing("volumes.csv", key) as path:
         write_volumes_csv(path, correspondence.ids, volumes)
@@ -250,10 +250,10 @@ def _render(store: Store, record: RunRecord, workers: Executor, tell: Tell) -> N
         write_scores_csv(path, stored)
     with store.writing("report.html", key) as path:
         path.write_text(render_page(page, drawings), encoding="utf-8")
-    tell(Progress("report", len(drawings) + 1, len(drawings) + 1))
+    on_event(Progress("report", len(drawings) + 1, len(drawings) + 1))
 
 
-def _drawn(page: Page, store: Store, workers: Executor, tell: Tell) -> dict[str, Drawing]:
+def _drawn(page: Page, store: Store, workers: Executor, on_event: OnEvent) -> dict[str, Drawing]:
     """Draw all pictures of a page and write their files."""
     pictures = [picture for section in page.sections for picture in section.pictures]
     folder = store.path("figures")
@@ -262,7 +262,7 @@ def _drawn(page: Page, store: Store, workers: Executor, tell: Tell) -> dict[str,
         picture: Picture = pictures[outcome.index]
         drawings[picture.name] = outcome.result
         save_drawing(outcome.result, picture.name, folder)
-        tell(Progress("report", done, len(pictures) + 1, picture.name))
+        on_event(Progress("report", done, len(pictures) + 1, picture.name))
     remove_stale_drawings(folder, drawings)
     return drawings
 

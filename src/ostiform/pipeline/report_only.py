@@ -4,8 +4,8 @@ from pathlib import Path
 
 from ostiform.execution import Workers
 from ostiform.pipeline.build import Summary, build_study
-from ostiform.pipeline.events import Event, Note, Tell
-from ostiform.pipeline.folder import taken
+from ostiform.pipeline.events import Event, Note, OnEvent
+from ostiform.pipeline.folder import locked
 from ostiform.pipeline.report import report_again
 from ostiform.pipeline.report_record import changed_inputs, read_record
 from ostiform.pipeline.store import Store
@@ -20,7 +20,7 @@ def report_study(
     *,
     workers: int = 1,
     scheduler: str | None = None,
-    tell: Tell | None = None,
+    on_event: OnEvent | None = None,
 ) -> Summary:
     """Write the report of an output folder, from what lies in it if that is still true.
 
@@ -37,7 +37,7 @@ def report_study(
         Processes of this machine.
     scheduler : str, optional
         As `build_study`, where something is built again.
-    tell : callable, optional
+    on_event : callable, optional
         Takes the events of the run.
 
     Raises
@@ -45,17 +45,17 @@ def report_study(
     OstiformError
         As `build_study`.
     """
-    watch: Tell = tell or _silent
+    watch: OnEvent = on_event or _silent
     record = read_record(Store(output))
     if record is None:
-        return build_study(study_path, output, workers=workers, scheduler=scheduler, tell=watch)
+        return build_study(study_path, output, workers=workers, scheduler=scheduler, on_event=watch)
     changed, gone = changed_inputs(record, study_path)
     if changed:
         watch(Note(f"changed since the last run: {_several(changed)}; building again"))
-        return build_study(study_path, output, workers=workers, scheduler=scheduler, tell=watch)
+        return build_study(study_path, output, workers=workers, scheduler=scheduler, on_event=watch)
     if gone:
         watch(Note(f"gone since the last run: {_several(gone)}; the report shows that run"))
-    with taken(output), Workers(workers) as pool:
+    with locked(output), Workers(workers) as pool:
         report_again(output, pool, watch)
     watch(Note(f"report: {output / 'report.html'}"))
     return Summary(output, record.entries, record.failures, dict(record.seconds))

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from ostiform.errors import ArtifactError, OstiformError
 from ostiform.execution import Executor
-from ostiform.pipeline.events import Progress, Tell, Warn
+from ostiform.pipeline.events import OnEvent, Progress, Warn
 from ostiform.pipeline.store import Store
 from ostiform.study import ShapeId, Study
 
@@ -25,14 +25,14 @@ class Run:
     study : Study
     store : Store
     workers : Executor
-    tell : callable
+    on_event : callable
         Takes the events of the run.
     """
 
     study: Study
     store: Store
     workers: Executor
-    tell: Tell
+    on_event: OnEvent
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def over_shapes(
     """
     results: list[Result | None] = [None] * len(items)
     failures = []
-    run.tell(Progress(stage, 0, len(items)))
+    run.on_event(Progress(stage, 0, len(items)))
     for done, outcome in enumerate(run.workers.each(partial(_guarded, function), items), 1):
         shape = ids[outcome.index]
         if outcome.error is None:
@@ -110,8 +110,8 @@ def over_shapes(
             if str(shape) not in reason:
                 reason = f"shape {shape}: {reason}"
             failures.append(Failure(shape, stage, reason))
-            run.tell(Warn(f"{shape} left out: {reason}"))
-        run.tell(Progress(stage, done, len(items), str(shape)))
+            run.on_event(Warn(f"{shape} left out: {reason}"))
+        run.on_event(Progress(stage, done, len(items), str(shape)))
     return results, sorted(failures, key=lambda failure: list(ids).index(failure.id))
 
 

@@ -19,6 +19,7 @@ from urllib.parse import quote
 from ostiform import __version__
 from ostiform.atomic import atomically
 from ostiform.errors import ArtifactError
+from ostiform.pipeline.versions import VERSIONS
 from ostiform.study import ShapeId
 
 Value = TypeVar("Value")
@@ -151,9 +152,17 @@ class Store:
             temporary.write_text(json.dumps(record) + "\n", encoding="utf-8")
 
 
-def key_of(*inputs: Any) -> str:
-    """Return the hash of values that JSON can hold, the same for equal values."""
-    text = json.dumps([__version__, SCHEMA, *inputs], sort_keys=True, ensure_ascii=False)
+def key_of(stage: str, *inputs: Any) -> str:
+    """Return the hash of a stage's version and inputs, the same for equal ones.
+
+    Parameters
+    ----------
+    stage : str
+        One of `VERSIONS`.
+    *inputs
+        Values that JSON can hold: settings, and keys of what earlier stages made.
+    """
+    text = json.dumps([SCHEMA, stage, VERSIONS[stage], *inputs], sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -18,7 +18,7 @@ from ostiform.model import (
     mean_cycle,
     resampled_cycle,
 )
-from ostiform.pipeline.events import Event, Progress, Tell
+from ostiform.pipeline.events import Event, OnEvent, Progress
 from ostiform.report import (
     FRAMES,
     Animation,
@@ -98,7 +98,7 @@ class Synthesis:
 
 
 def synthesized(
-    stored: StoredModel, folder: Path, wanted: Synthesis, tell: Tell | None = None
+    stored: StoredModel, folder: Path, wanted: Synthesis, on_event: OnEvent | None = None
 ) -> list[Path]:
     """Write the shapes and animations asked for, and ``scores.csv`` with what each shape is.
 
@@ -108,7 +108,7 @@ def synthesized(
     folder : Path
         Made if missing; files of the same names are replaced.
     wanted : Synthesis
-    tell : callable, optional
+    on_event : callable, optional
         Takes the events.
 
     Returns
@@ -124,7 +124,7 @@ def synthesized(
         If a file cannot be written.
     """
     model = stored.model
-    watch = tell or _silent
+    watch = on_event or _silent
     shapes = _single_shapes(model, wanted)
     dynamic = _dynamic(stored) if wanted.cycles or wanted.heart is not None else None
     cycles = {} if dynamic is None else _cycles(dynamic, wanted)

@@ -1,0 +1,27 @@
+"""The version of every stage's results, part of every key: what is older is made again.
+
+A stage whose results change (an algorithm, a default that no key holds, the layout of an artifact)
+gets the next number in the same commit, and what it feeds is made again with it.
+`tests/pipeline/test_versions.py` fails when the results of a small study change and no number does.
+"""
+
+VERSIONS = {
+    "demonstration": 1,
+    "survey": 1,
+    "shape": 1,
+    "domain": 1,
+    "embedding": 1,
+    "paper chain": 1,
+    "correspondence": 1,
+    "adopted": 1,
+    "added": 1,
+    "model": 1,
+    "dynamics": 1,
+    "covariates": 1,
+    "fold": 1,
+    "evaluation": 1,
+    "animations": 1,
+    "report": 1,
+    "run": 1,
+    "failures": 1,
+}
