@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.populations import family
 from ostiform.evaluation import prediction_errors, true_population
 from ostiform.model import (
     ModelMesh,
@@ -21,7 +22,6 @@ from ostiform.model import (
 from ostiform.study import ShapeId
 from ostiform.surface.files import read_mesh
 from ostiform.surface.operators import vertex_areas
-from tests.populations import family
 
 EDGE_MM = 7.0
 TRAJECTORIES = {
@@ -161,14 +161,14 @@ def show_predictions(name, subjects, phases, seed):
             own = slice(subject * phases, (subject + 1) * phases)
             times = np.array([id.time for id in hearts.ids[own]])
             given = [int(np.abs((times - t + 0.5) % 1.0 - 0.5).argmin()) for t in pattern]
-            found.append(prediction_errors(predictor, hearts.points[own], times, given))
+            found.append(prediction_errors(predictor, hearts.points[own], times.tolist(), given))
         mean = [
             np.mean(np.concatenate([getattr(item, key) for item in found]))
             for key in ("predicted", "mean_motion", "nearest_subject", "coverage")
         ]
-        given = ", ".join(f"{time:g}" for time in pattern)
+        listed = ", ".join(f"{time:g}" for time in pattern)
         print(
-            f"| {name}, seed {seed}, {subjects} x {phases} | {given} | {mean[0]:.3f} | "
+            f"| {name}, seed {seed}, {subjects} x {phases} | {listed} | {mean[0]:.3f} | "
             f"{mean[1]:.3f} | {mean[2]:.3f} | {100 * mean[3]:.0f} % |",
             flush=True,
         )

@@ -167,7 +167,7 @@ def outcome(prior: FitPrior, truth: Truth, make: Make, settings: FitSettings) ->
     targets = make(prior, truth, rng)
     back = np.eye(4)
     if make in (turned_surface, turned_contours):
-        back = np.linalg.inv(turn_of(truth))
+        back = np.linalg.inv(turn_of(truth))  # type: ignore[assignment]
     start = time.process_time()
     fit = fit_shape(prior, targets, settings)
     seconds = time.process_time() - start
@@ -255,7 +255,7 @@ def partial(truth: Truth, rng: np.random.Generator, share: float) -> list[Target
 
 def manifold(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Return the largest connected piece, corners that hang on by one vertex taken off."""
-    piece = pyvista.PolyData.from_regular_faces(vertices, faces).connectivity("largest")
+    piece = pyvista.PolyData.from_regular_faces(vertices, faces).connectivity("largest")  # type: ignore[arg-type]
     faces = np.asarray(piece.regular_faces, dtype=np.int64)
     points = np.asarray(piece.points, dtype=np.float64)
     while True:
@@ -291,7 +291,7 @@ def contours(truth: Truth, short: int, long: int) -> list[Target]:
     own = truth.parts[name][0]
     middle = own.mean(axis=0)
     axis = np.linalg.svd(own - middle, full_matrices=False)[2][0]
-    whole = pyvista.PolyData.from_regular_faces(vertices, faces)
+    whole = pyvista.PolyData.from_regular_faces(vertices, faces)  # type: ignore[arg-type]
     height = (vertices - middle) @ axis
     levels = np.linspace(height.min(), height.max(), 2 * short + 1)[1::2]
     planes = [(axis, middle + level * axis) for level in levels]

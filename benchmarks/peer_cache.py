@@ -28,7 +28,7 @@ def peer_placement(task: Task) -> Placement:
         for number, (_, fold) in enumerate(placement.folds):
             for name in ("aligned", "weights", "points", "transforms"):
                 arrays[f"{name}_{number}"] = getattr(fold, name)
-        np.savez(path, **arrays)
+        np.savez(path, **arrays)  # type: ignore[arg-type]
     with np.load(path) as stored:
         mesh = mesh_of_template(template)
         folds = [

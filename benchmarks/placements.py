@@ -19,6 +19,7 @@ from ostiform.arrays import FloatArray
 from ostiform.correspondence import (
     KINDS,
     CorrespondenceSettings,
+    Kind,
     SharedMetric,
     SweepRecord,
     correspond,
@@ -157,7 +158,7 @@ def _ours(task: Task, case: Case, settings: CorrespondenceSettings) -> tuple[Pla
     )  # type: ignore[assignment]
     costs["optimal"] = spent()
     folds = _our_folds(task, case, settings) if task.with_folds else {}
-    names = {kind: kind for kind in KINDS}
+    names: dict[Kind, str] = {kind: kind for kind in KINDS}
     if task.method == CONJUGATE_GRADIENT:
         names = {"optimal": CONJUGATE_GRADIENT}
     found = []

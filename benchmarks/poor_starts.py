@@ -64,7 +64,7 @@ def turned_directions(
             for place, other in enumerate(circles)
             if place != index
         ]
-        width = min([WIDEST, *(0.5 * gap for gap in gaps)])
+        width = min([WIDEST, *(0.5 * gap for gap in gaps)])  # type: ignore[type-var]
         away = np.arccos(np.clip(directions @ center, -1.0, 1.0)) - circle.radius
         share = np.clip((np.abs(away) / width - RIGID) / (1.0 - RIGID), 0.0, 1.0)
         turn = angle * (1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2))

@@ -33,7 +33,9 @@ def opened_body(part, bodies, vessels, seed, blend=2.2):
 
     A vessel is (base at the wall, direction, radius, length from there to its cut), mm.
     """
-    primitives = [Ellipsoid(np.array(c), np.array(a), np.eye(3)) for c, a in bodies]
+    primitives: list[Ellipsoid | Tube] = [
+        Ellipsoid(np.array(c), np.array(a), np.eye(3)) for c, a in bodies
+    ]
     cuts = []
     for name, (base, direction, radius, length) in vessels.items():
         base, direction = np.array(base), unit(direction)

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from fitting import Truth, contours, partial, true_parts
 
+from benchmarks.fitting import Truth, contours, partial, true_parts
+from benchmarks.populations import family
 from ostiform.demo.demonstration import write_population
 from ostiform.evaluation import (
     baseline_cycles,
@@ -34,7 +35,6 @@ from ostiform.pipeline import Stage, build_study
 from ostiform.pipeline.prediction import phase_of_fit
 from ostiform.study import read_study
 from ostiform.surface import boundary_loops, distances_to_surface
-from tests.populations import family
 
 TRAINING, UNSEEN, PHASES = 24, 8, 6
 EDGE_MM, POINTS = 3.2, 800

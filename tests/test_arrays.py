@@ -40,4 +40,4 @@ def test_frozen_mappings_keep_order_refuse_change_and_travel_between_processes()
     assert list(mapping) == ["b", "a"]
     assert pickle.loads(pickle.dumps(mapping)) == {"b": 1, "a": 2}
     with pytest.raises(TypeError):
-        mapping["c"] = 3
+        mapping["c"] = 3  # type: ignore[index]

@@ -66,12 +66,12 @@ def typed(draw, depth=2):
         return hint, draw(plain[hint])
     hint, one = draw(typed(depth - 1))
     if kind == "tuple":
-        return tuple[hint, ...], (one,) * draw(st.integers(0, 2))
+        return tuple[hint, ...], (one,) * draw(st.integers(0, 2))  # type: ignore[valid-type]
     if kind == "str mapping":
-        return Mapping[str, hint], {name: one for name in draw(st.sets(st.text(max_size=3)))}
+        return Mapping[str, hint], {name: one for name in draw(st.sets(st.text(max_size=3)))}  # type: ignore[valid-type]
     if kind == "mapping":
         keys = draw(st.sets(ITEMS[Pair], max_size=2))
-        return Mapping[Pair, hint], {key: one for key in keys}
+        return Mapping[Pair, hint], {key: one for key in keys}  # type: ignore[valid-type]
     if kind == "optional":
         return hint | None, draw(st.sampled_from([None, one]))
     made = made_class({"inner": hint})

@@ -76,7 +76,8 @@ def test_every_command_is_on_the_page_of_the_command_line():
 
 
 def test_every_exit_code_is_on_the_page_of_the_command_line():
-    from ostiform.cli.running import EXIT_CODES, INTERRUPTED, OTHER_FAILURE
+    from ostiform.cli.running import EXIT_CODES, OTHER_FAILURE
+    from ostiform.cli.supervisor import INTERRUPTED
 
     for code in (0, OTHER_FAILURE, *EXIT_CODES.values(), INTERRUPTED):
         assert f"\n| {code} |" in text_of("docs/command-line.md")
@@ -91,7 +92,9 @@ def messages_of_the_program() -> str:
                 found.append(node.value)
             elif isinstance(node, ast.JoinedStr):
                 found.append(
-                    "".join(p.value if isinstance(p, ast.Constant) else "\0" for p in node.values)
+                    "".join(
+                        str(p.value) if isinstance(p, ast.Constant) else "\0" for p in node.values
+                    )
                 )
             elif isinstance(node, ast.BinOp):
                 parts = [p for p in ast.walk(node) if isinstance(p, ast.JoinedStr | ast.Constant)]

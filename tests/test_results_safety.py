@@ -144,7 +144,7 @@ def test_an_npz_with_a_pickle_runs_nothing(tmp_path):
     path = tmp_path / "evil.npz"
     array = np.array([Malicious()], dtype=object)
     facts = np.frombuffer(b'{"kind": "shape", "schema": 1}', np.uint8)
-    np.savez(path, facts=facts, **{"0.vertices": array})
+    np.savez(path, facts=facts, **{"0.vertices": array})  # type: ignore[arg-type]
     np.load(path, allow_pickle=True)["0.vertices"]
     assert (tmp_path / "ran").is_file()  # the trap works
     (tmp_path / "ran").unlink()
@@ -249,7 +249,7 @@ def run_of_many(store: Path, on_error: str, workers: Workers, heard: list[str]) 
         if isinstance(event, Warn):
             heard.append(event.text)
 
-    return Run(SimpleNamespace(settings=settings), Store(store), workers, on_event)
+    return Run(SimpleNamespace(settings=settings), Store(store), workers, on_event)  # type: ignore[arg-type]
 
 
 MANY = list(range(500))
@@ -363,8 +363,8 @@ def test_a_read_only_output_folder_is_one_clear_sentence_and_stays_as_it_is():
         root = Path(name, "out")
         store = Store(root)
         store.write_json("a.json", "key", 1)
-        locked = [root, root / RECORDS]
-        for folder in locked:
+        read_only = [root, root / RECORDS]
+        for folder in read_only:
             folder.chmod(0o555)
         with without_rights():
             assert store.is_current("a.json", "key")
@@ -374,7 +374,7 @@ def test_a_read_only_output_folder_is_one_clear_sentence_and_stays_as_it_is():
                 store.write_json("a.json", "new key", 2)
             with pytest.raises(ArtifactError, match="expected to remove"):
                 store.remove("a.json")
-        for folder in locked:
+        for folder in read_only:
             folder.chmod(0o755)
         assert store.is_current("a.json", "key")
         store.write_json("a.json", "new key", 2)

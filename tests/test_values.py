@@ -3,7 +3,7 @@
 import dataclasses
 import pickle  # noqa: TID251 (what multiprocessing uses)
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ class Lengths:
 
 
 def mesh(**changes):
-    fields = {
+    fields: dict[str, Any] = {
         "vertices": np.eye(3),
         "faces": np.array([[0, 1, 2]]),
         "loops": {"rim": [0, 1, 2]},
@@ -96,10 +96,10 @@ def test_what_does_not_fit_is_refused_by_its_name(changes, message):
 
 
 def test_letters_stand_for_one_length_in_the_value_and_in_those_that_it_holds():
-    held = Field(mesh(), [1.0, np.nan, 2.0], (np.eye(2), np.eye(2)))
+    held = Field(mesh(), [1.0, np.nan, 2.0], (np.eye(2), np.eye(2)))  # type: ignore[arg-type]
     assert axis_length(held, "V") == 3
     with pytest.raises(InputError, match=r"numbers: expected an array of shape \(3\), found"):
-        Field(mesh(), [1.0, 2.0])
+        Field(mesh(), [1.0, 2.0])  # type: ignore[arg-type]
     with pytest.raises(InputError, match="others 0: expected an array of shape"):
         Field(mesh(), np.zeros(3), (np.zeros((2, 3)),))
     with pytest.raises(InputError, match="others 1: expected an array of shape"):

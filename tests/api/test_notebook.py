@@ -75,7 +75,7 @@ def test_a_study_may_be_changed_before_it_is_built(example_folder, tmp_path):
 
 def test_a_kind_of_model_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(InputError, match="expected one of conformal, euclidean, optimal"):
-        ostiform.Results(tmp_path).stored("best")
+        ostiform.Results(tmp_path).stored("best")  # type: ignore[arg-type]
 
 
 def test_the_list_of_shapes_left_out_is_read_or_refused(tmp_path):

@@ -198,9 +198,9 @@ def test_the_pace_is_a_rate_and_what_is_left():
             (4, 40.0, "10.0 s each, 0:01:00 left"),
         ):
             fake = SimpleNamespace(completed=completed, elapsed=elapsed, total=10, finished=False)
-            assert column.render(fake).plain == expected
+            assert column.render(fake).plain == expected  # type: ignore[arg-type]
         fake = SimpleNamespace(completed=10, finished_time=20.0, total=10, finished=True)
-        assert column.render(fake).plain == "2.0 s each"
+        assert column.render(fake).plain == "2.0 s each"  # type: ignore[arg-type]
 
 
 TERMINAL = """

@@ -244,9 +244,9 @@ def test_the_inputs_are_not_changed(rng):
 def test_unusable_input_is_refused(rng):
     points, weights = population(rng), weights_of(rng)
     with pytest.raises(InputError, match="one of rigid, similarity, none"):
-        align(points, weights, "affine")
+        align(points, weights, "affine")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="one of rigid, similarity, none"):
-        align_to(points, points[0], weights, "affine")
+        align_to(points, points[0], weights, "affine")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="one label for each of 6"):
         align(points, weights, groups=[0, 1])
     with pytest.raises(InputError, match="not below zero"):

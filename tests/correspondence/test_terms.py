@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_user_landmarks import marked
 
 from ostiform.correspondence.fields import flow, orientation_share
 from ostiform.correspondence.objective import (
@@ -19,6 +18,7 @@ from ostiform.correspondence.terms.coherence import coherence_about, coherence_f
 from ostiform.correspondence.terms.crowding import Crowding
 from ostiform.correspondence.terms.landmarks import template_marks
 from tests.correspondence.test_shape_step import LEAST_SLOPE, bench
+from tests.correspondence.test_user_landmarks import marked
 from tests.oracles.warped_shapes import one_part_domain
 
 NAMES = ("length", "coherence", "metric", "displacement", "crowding", "landmarks")

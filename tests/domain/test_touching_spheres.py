@@ -36,7 +36,7 @@ def left_heart(**rims):
         "LV+LA",
         ("LV", "LA"),
         {name.replace("_", "."): circle for name, circle in rims.items()},
-        {SEAM: Circle([0.0, 0.0, 1.0], np.pi / 2)},
+        {SEAM: Circle(np.array([0.0, 0.0, 1.0]), np.pi / 2)},
         "LV.mitral",
     )
 
@@ -101,7 +101,7 @@ def test_a_mapped_circle_is_the_circle_through_its_mapped_points(rng, side, radi
 
 
 def test_centres_do_not_carry_over():
-    circle = Circle([1.0, 0.0, 1.0], np.radians(20.0))
+    circle = Circle(np.array([1.0, 0.0, 1.0]), np.radians(20.0))
     image = circle_to_part_sphere(circle, "second", RIM)
     moved = to_part_sphere(circle.center[None], "second", RIM)[0]
     assert np.arccos(moved @ image.center) > np.radians(1.0)
@@ -134,7 +134,7 @@ def test_the_view_is_seen_from_outside(part):
 
 
 def test_the_view_of_a_part_without_seam_is_bounded_by_its_pole():
-    pole = Circle([0.0, 1.0, 1.0], np.radians(12.0))
+    pole = Circle(np.array([0.0, 1.0, 1.0]), np.radians(12.0))
     sphere = Sphere("LA", ("LA",), {"LA.mitral": pole}, {}, "LA.mitral")
     edge = stereographic_view(sphere, "LA", pole.points(np.linspace(0, 6, 20)))
     np.testing.assert_allclose(np.linalg.norm(edge, axis=1), 1.0, atol=1e-12)
@@ -150,7 +150,7 @@ def test_the_view_of_a_closed_part_shows_the_equator_as_unit_circle():
 
 def test_unusable_input_is_refused():
     with pytest.raises(InputError, match='"first" or "second"'):
-        to_part_sphere(equator(), "left", RIM)
+        to_part_sphere(equator(), "left", RIM)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="between 0 and 180 degrees"):
         from_part_sphere(equator(), "first", 0.0)
     with pytest.raises(InputError, match="one of the parts LV, LA"):

@@ -155,7 +155,8 @@ def test_both_local_solvers_raise_the_least_area_to_the_same_optimum(rng):
         return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).min()
 
     exact, soft = (
-        untangled_by_area(points, faces, is_fixed, 1, solver).points for solver in SOLVERS[::-1]
+        untangled_by_area(points, faces, is_fixed, 1, solver).points  # type: ignore[arg-type]
+        for solver in SOLVERS[::-1]  # type: ignore[arg-type]
     )
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 201), np.linspace(-1, 1, 201)), -1).reshape(
         -1, 2
@@ -195,10 +196,10 @@ def test_untangling_says_when_its_sweeps_are_used_up_and_when_it_is_stuck():
 def test_an_unknown_solver_or_descent_is_refused():
     points, faces, is_fixed = hexagon([0.0, 0.0])
     with pytest.raises(InputError, match="untangling solver"):
-        untangled_by_area(points, faces, is_fixed, solver="simplex")
+        untangled_by_area(points, faces, is_fixed, solver="simplex")  # type: ignore[arg-type]
     component, _, directions = left_atrium(count=400)
     with pytest.raises(InputError, match="descent: expected explicit or semi-implicit"):
-        harmonic_map(component, directions, on_curves(component), "steepest")
+        harmonic_map(component, directions, on_curves(component), "steepest")  # type: ignore[arg-type]
 
 
 def test_qualities_are_one_for_equilateral_zero_for_flat_and_negative_for_inverted():

@@ -203,7 +203,9 @@ def test_an_evaluation_of_an_earlier_version_is_read_without_the_newer_measures(
     for key in ("spread", "surface_specificity", "classical"):
         del facts[key]
     found = evaluation_from_facts(facts)
-    assert found.spread is found.surface_specificity is found.classical is None
+    assert found.spread is None
+    assert found.surface_specificity is None
+    assert found.classical is None
 
 
 def test_the_table_has_every_number_of_modes_once(evaluation, tmp_path):

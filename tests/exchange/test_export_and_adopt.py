@@ -367,7 +367,7 @@ def test_sources_that_cannot_be_used_are_refused(tmp_path, exported):
 
 def test_wrong_exports_are_refused(tmp_path, results):
     with pytest.raises(InputError, match="--format"):
-        export_results(results, tmp_path, ["obj"])
+        export_results(results, tmp_path, ["obj"])  # type: ignore[list-item]
     with pytest.raises(InputError, match="--modes"):
         export_results(results, tmp_path, n_modes=0)
     with pytest.raises(ArtifactError, match="expected a shape model"):

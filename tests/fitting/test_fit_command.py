@@ -188,7 +188,7 @@ def test_text_tells_its_kind(tmp_path):
     assert [len(c) for c in curves.curves] == [2, 1]
     for kind, message in (("surface", "mesh file"),):
         with pytest.raises(InputError, match=message):
-            read_targets([str(path)], PARTS, FileRules(kind=kind))
+            read_targets([str(path)], PARTS, FileRules(kind=kind))  # type: ignore[arg-type]
     path.write_text("1 2 3\n")
     with pytest.raises(InputError, match="no names"):
         read_targets([str(path)], PARTS, FileRules(kind="landmarks"))

@@ -17,8 +17,7 @@ from ostiform.fitting import (
     fit_prior,
     fit_shape,
 )
-from ostiform.model import fit_model, mesh_of_template, posterior, truncated
-from ostiform.model.types import ModelMesh, StoredModel
+from ostiform.model import ModelMesh, StoredModel, fit_model, mesh_of_template, posterior, truncated
 from ostiform.surface import boundary_loops, face_areas, read_mesh
 from tests.fitting.fitting_cases import drawn_pose, drawn_shape, rms, surface_of
 
@@ -320,6 +319,6 @@ def test_the_mesh_of_the_template_is_the_models(stored):
 def test_contours_whose_pairs_swap_to_and_fro_settle(prior):
     for seed in range(4):
         truth = drawn_shape(prior, np.random.default_rng(seed))
-        levels = np.linspace(*np.percentile(truth[:, 2], [10.0, 90.0]), 5)
+        levels = np.linspace(*np.percentile(truth[:, 2], [10.0, 90.0]).tolist(), 5)  # type: ignore[call-overload]
         fit = fit_shape(prior, [ContourTarget(sliced(prior, truth, levels))])
         assert fit.status is FitStatus.CONVERGED

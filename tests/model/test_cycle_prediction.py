@@ -148,7 +148,7 @@ def test_with_few_subjects_the_prior_is_weak_and_with_two_there_is_none(hearts):
     with pytest.raises(InputError, match="at least 3 training subjects"):
         fit_cycle_predictor(pair, [0.0])
     with pytest.raises(InputError, match="more phases than that"):
-        fit_cycle_predictor(model, np.arange(10) / 10)
+        fit_cycle_predictor(model, (np.arange(10) / 10).tolist())
     with pytest.raises(InputError, match="different ones"):
         fit_cycle_predictor(model, [0.1, 1.1])
     with pytest.raises(InputError, match="points of a given phase"):

@@ -150,7 +150,7 @@ def opened_component(body: Body, spacing: float, part: str = "LA", relax: int = 
     if relax:
         vertices = _relaxed(body, vertices, faces, 5)
     rims = _named(body, vertices, boundary_loops(faces), part)
-    return Component(part, (part,), vertices, faces, np.zeros(len(faces)), rims, {})
+    return Component(part, (part,), vertices, faces, np.zeros(len(faces), dtype=np.int64), rims, {})
 
 
 def joined_component(body: Body, spacing: float, relax: int = 0) -> Component:

@@ -21,7 +21,7 @@ def left_atrium(folder: Path, number: int) -> Component:
 
 def left_heart_template(folder: Path) -> Component:
     mesh = pv.read(folder / "left-heart-template" / "lh_template.vtp")
-    wall = mesh.extract_cells(np.flatnonzero(np.asarray(mesh.cell_data["ModelFaceID"]) == 1))
+    wall = mesh.extract_cells(np.asarray(mesh.cell_data["ModelFaceID"]) == 1)
     return _component(wall.extract_surface(algorithm=None), "LH")
 
 
@@ -39,7 +39,7 @@ def _component(mesh: pv.PolyData, part: str) -> Component:
     faces = oriented_outward(vertices, faces)
     loops = sorted(boundary_loops(faces), key=lambda loop: -_length(vertices[loop]))
     rims = {f"{part}.{number}": loop for number, loop in enumerate(loops)}
-    return Component(part, (part,), vertices, faces, np.zeros(len(faces)), rims, {})
+    return Component(part, (part,), vertices, faces, np.zeros(len(faces), dtype=np.int64), rims, {})
 
 
 def _length(points):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from star_shapes import closed_domain, star_embedding
 
 from ostiform.evaluation import Division, read_evaluation
 from ostiform.pipeline import Note, Stage, build_study
 from ostiform.surface import write_surface
+from tests.star_shapes import closed_domain, star_embedding
 
 STUDY = """
 schema = 1

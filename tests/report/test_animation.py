@@ -66,7 +66,7 @@ def test_a_webp_holds_every_frame_and_loops(animation, tmp_path):
     write_webp(tmp_path / "mode.webp", animation)
     with Image.open(tmp_path / "mode.webp") as picture:
         assert picture.format == "WEBP"
-        assert picture.n_frames == 8
+        assert picture.n_frames == 8  # type: ignore[attr-defined]
         assert picture.info["loop"] == 0
         picture.seek(2)
         difference = np.abs(np.asarray(picture.convert("RGB"), float) - animation.frames[2])

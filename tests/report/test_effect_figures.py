@@ -40,7 +40,7 @@ def test_points_that_were_not_found_are_grey(found):
 
 
 def test_the_page_says_what_was_found_and_escapes_names(found):
-    page = effect_page(*found, "12 subjects", ["A note."], ["A warning."])
+    page = effect_page(*found, "12 subjects", ["A note."], ["A warning."])  # type: ignore[call-arg]
     text = render_page(page)
     assert "group &lt;b&gt;" in text
     assert "group <b>" not in text
@@ -51,4 +51,4 @@ def test_the_page_says_what_was_found_and_escapes_names(found):
 def test_the_null_figure_marks_the_data(found):
     test = found[1].whole
     axes = null_figure(test).axes[0]
-    np.testing.assert_allclose(axes.lines[0].get_xdata(), test.statistic)
+    np.testing.assert_allclose(np.asarray(axes.lines[0].get_xdata()), test.statistic)

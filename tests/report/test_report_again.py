@@ -130,7 +130,7 @@ def test_the_report_needs_neither_study_nor_meshes(example_folder, tmp_path):
     for name in ("flagged99.svg", "left-out.pdf", "mine.png"):
         (output / "figures" / name).write_text("an earlier one")
     heard = []
-    summary = report_study(tmp_path / "gone" / "study.toml", output, tell=heard.append)
+    summary = report_study(tmp_path / "gone" / "study.toml", output, on_event=heard.append)
     assert summary.shapes == json.loads((output / "run.json").read_text("utf-8"))["entries"]
     assert (output / "report.html").stat().st_size < 8_000_000
     for suffix in ("svg", "pdf", "png"):

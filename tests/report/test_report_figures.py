@@ -51,7 +51,7 @@ def test_evidence_draws_the_first_modes_only():
     assert isinstance(drawing, Figure)
     for axes in drawing.axes:
         assert len(axes.lines) == len(KINDS)
-        assert max(line.get_xdata().max() for line in axes.lines) <= MODES_DRAWN
+        assert max(np.asarray(line.get_xdata()).max() for line in axes.lines) <= MODES_DRAWN
 
 
 def test_evidence_without_residues_has_no_empty_panel():
@@ -91,7 +91,9 @@ def test_gains_show_interval_and_paper_and_residues_only_where_measured():
     gains = {"conformal": GainPoint(0.2, (0.1, 0.3), 0.67), "euclidean": GainPoint(0.1, None, None)}
     alone = gains_figure(gains, {})
     assert [axes.get_title() for axes in alone.axes] == ["Compactness"]
-    ends = [path.vertices[:, 0] for c in alone.axes[0].collections for path in c.get_paths()]
+    ends = [
+        np.asarray(path.vertices)[:, 0] for c in alone.axes[0].collections for path in c.get_paths()
+    ]
     np.testing.assert_allclose(ends, [[10.0, 30.0]])
     both = gains_figure(gains, {"conformal": Band(np.arange(3.0), np.ones(3), np.ones(3))})
     assert [axes.get_title() for axes in both.axes] == ["Compactness", "Generalisation"]
@@ -182,28 +184,28 @@ def test_the_kink_is_drawn_as_mapped_and_as_warped():
     kinks = (np.array([0.9, 1.0, 1.1]), np.array([0.8, 1.0, 1.2]))
     drawing = seam_figure({"A = B": shares}, {"A = B": 0.1}, {"A = B": kinks})
     left, right = drawing.axes
-    np.testing.assert_allclose(left.lines[0].get_xdata(), 0.1)
+    np.testing.assert_allclose(np.asarray(left.lines[0].get_xdata()), 0.1)
     assert [tick.get_text() for tick in right.get_xticklabels()] == ["mapped", "warped"]
     for line, values in zip(right.lines, kinks, strict=True):
-        np.testing.assert_allclose(line.get_ydata(), values)
+        np.testing.assert_allclose(np.asarray(line.get_ydata()), values)
 
 
 def test_cycles_are_closed_in_scores_and_volumes():
     times = np.array([0.5, 0.0, 0.25])
     drawing = scores_figure(np.arange(6.0).reshape(3, 2), ["s"] * 3, times, np.array([0.7, 0.3]))
     (line,) = drawing.axes[0].lines
-    np.testing.assert_allclose(line.get_xdata(), [2.0, 4.0, 0.0, 2.0])
+    np.testing.assert_allclose(np.asarray(line.get_xdata()), [2.0, 4.0, 0.0, 2.0])
     ids = [ShapeId("s", str(time), time) for time in times]
     drawing = volumes_figure(volume_curves(ids, {"LV": np.array([3e3, 1e3, 2e3])}))
     (line,) = drawing.axes[0].lines
-    np.testing.assert_allclose(line.get_xdata(), [0.0, 0.25, 0.5, 1.0])
-    np.testing.assert_allclose(line.get_ydata(), [1.0, 2.0, 3.0, 1.0])
+    np.testing.assert_allclose(np.asarray(line.get_xdata()), [0.0, 0.25, 0.5, 1.0])
+    np.testing.assert_allclose(np.asarray(line.get_ydata()), [1.0, 2.0, 3.0, 1.0])
 
 
 def test_one_mode_alone_is_drawn_on_a_line():
     drawing = scores_figure(np.array([[-1.0], [1.0]]), ["a", "b"], np.zeros(2), np.ones(1))
     assert drawing.axes[0].get_ylabel() == ""
-    assert all((line.get_ydata() == 0.0).all() for line in drawing.axes[0].lines)
+    assert all((np.asarray(line.get_ydata()) == 0.0).all() for line in drawing.axes[0].lines)
 
 
 def test_names_too_long_for_a_legend_are_cut():

@@ -32,7 +32,13 @@ POINT = ShapeModel(
     modes=np.eye(3)[:, None, :],
     variances=np.array([3.0, 2.0, 1.0]),
     weights=np.ones(1),
-    mesh=ModelMesh(np.empty((0, 3)), np.empty(0), np.zeros(1), ("dot",), {}),
+    mesh=ModelMesh(
+        np.empty((0, 3), dtype=np.int64),
+        np.empty(0, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+        ("dot",),
+        {},
+    ),
     residual_variance=0.0,
     sample_count=0,
 )

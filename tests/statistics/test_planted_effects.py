@@ -105,7 +105,7 @@ def test_a_wrong_question_is_refused(planted):
     shapes = subject_shapes(stored)
     with pytest.raises(InputError, match="one value for each of 10"):
         shape_effect(stored.model, shapes.chosen(shapes.subjects[:10]), group, [age])
-    sideways = EffectSettings(movement="sideways")
+    sideways = EffectSettings(movement="sideways")  # type: ignore[arg-type]
     with pytest.raises(InputError, match='found "sideways"'):
         shape_effect(stored.model, shapes, group, (), sideways)
 

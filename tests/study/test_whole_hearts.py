@@ -91,7 +91,7 @@ def test_one_chamber_alone_and_one_inside_another(tmp_path):
     for name, values in (("LV", "500"), ("LV", "[205, 500]")):
         shape = shape_of(tmp_path, ONE.replace("PART", name).replace("VALUES", values))
         surface = shape.parts[name]
-        labels = np.asarray(nibabel.load(tmp_path / "a.nii.gz").dataobj)
+        labels = np.asarray(nibabel.nifti1.load(tmp_path / "a.nii.gz").dataobj)
         voxels = np.isin(labels, [500, 205] if "205" in values else [LABELS["LV"]]).sum()
         volumes[values] = enclosed_volume(surface.vertices, surface.faces)
         assert volumes[values] == pytest.approx(8.0 * voxels, rel=0.03)

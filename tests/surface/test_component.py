@@ -35,8 +35,8 @@ def heart():
     lower = half_sphere(400, 36, -1, [((0.6, 0, -0.8), 0.25, 16)])
     upper = half_sphere(300, 36, 1, [((0.6, 0, 0.8), 0.2, 14), ((-0.6, 0, 0.8), 0.2, 12)])
     return {
-        "LV": surface(*lower, {"mitral": (0, 0, 0), "aortic": (0.6, 0, -0.8)}),
-        "LA": surface(*upper, {"mitral": (0, 0, 0), "RPV": (0.6, 0, 0.8), "LPV": (-0.6, 0, 0.8)}),
+        "LV": surface(*lower, {"mitral": (0, 0, 0), "aortic": (0.6, 0, -0.8)}),  # type: ignore[call-arg]
+        "LA": surface(*upper, {"mitral": (0, 0, 0), "RPV": (0.6, 0, 0.8), "LPV": (-0.6, 0, 0.8)}),  # type: ignore[call-arg]
     }
 
 
@@ -207,8 +207,8 @@ def test_names_that_do_not_exist_are_refused(heart):
 def test_chords_that_both_parts_have_between_the_same_rim_vertices_are_split():
     # A square rim whose diagonal is an edge of both parts: two pyramid-less quads each.
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    lid = Surface(square, [[0, 1, 2], [0, 2, 3]], {"rim": [0, 1, 2, 3]})
-    base = Surface(square, [[0, 2, 1], [0, 3, 2]], {"rim": [3, 2, 1, 0]})
+    lid = Surface(square, np.array([[0, 1, 2], [0, 2, 3]]), {"rim": np.array([0, 1, 2, 3])})
+    base = Surface(square, np.array([[0, 2, 1], [0, 3, 2]]), {"rim": np.array([3, 2, 1, 0])})
     (component,) = welded_components({"lid": lid, "base": base}, [Seam("base.rim", "lid.rim")])
     assert len(component.vertices) == 5
     np.testing.assert_array_equal(component.face_part, [0, 0, 1, 1, 1, 1])

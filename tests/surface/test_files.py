@@ -251,7 +251,7 @@ def test_what_is_written_is_read_back_bit_for_bit_here_and_by_vtk(tmp_path, surf
     mesh, other = read_mesh(path), pv.read(path)
     for found in (mesh.vertices, other.points):
         np.testing.assert_array_equal(found, vertices)
-    for found in (mesh.faces, other.regular_faces):
+    for found in (mesh.faces, other.regular_faces):  # type: ignore[assignment]
         np.testing.assert_array_equal(found, faces)
     assert mesh.space == "LPS"
     assert other.field_data["SPACE"][0] == "LPS"

@@ -128,7 +128,7 @@ def test_a_closed_surface_is_remeshed_coarser_and_finer():
 
 def test_sizes_grade_the_mesh():
     cup = star_embedding(cup_domain().spheres[0], lambda u: np.full(len(u), 10.0), 1500).component
-    sizing = 1.0 + (cup.vertices[:, 2] < 0)
+    sizing = np.where(cup.vertices[:, 2] < 0, 2.0, 1.0)
     remeshed = isotropic_remeshed(cup.vertices, cup.faces, edge_mm=1.0, sizing=sizing)
     middles = remeshed.vertices[half_edges(remeshed.faces)].mean(axis=1)[:, 2]
     lengths = np.linalg.norm(np.diff(remeshed.vertices[half_edges(remeshed.faces)], axis=1), axis=2)
