@@ -15,9 +15,11 @@ demo: $(VENV)/installed
 test: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
-# What to run while editing; see CONTRIBUTING.md for what is left to `make test`.
+# What to run while editing: what all else rests on, without studies or processes; or QUICK=tests/model.
+QUICK ?= tests/surface tests/domain tests/test_arrays.py tests/test_artifacts.py \
+	tests/test_invariances.py tests/test_repository.py tests/test_structure.py tests/test_values.py
 test-quick: $(VENV)/installed-test
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not long and not slow" $(QUICK)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup $(QUICK)
 
 test-long: $(VENV)/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "long or not long"

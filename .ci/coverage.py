@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 README = Path(__file__).resolve().parents[1] / "README.md"
-TOLD = re.compile(r"(?<=The tests run )[\d.]+ % of the lines of `src` \(\d{4}-\d\d-\d\d\)")
+TOLD = re.compile(r"(?<=<!-- coverage -->).*?(?=<!-- end -->)")
 
 
 def main() -> None:
@@ -20,11 +20,11 @@ def main() -> None:
         text=True,
     ).stdout.strip()
     text, found = TOLD.subn(
-        f"{total} % of the lines of `src` ({datetime.now(UTC):%Y-%m-%d})",
+        f"The tests run {total} % of the lines of `src` ({datetime.now(UTC):%Y-%m-%d}).",
         README.read_text(encoding="utf-8"),
     )
     if found != 1:
-        sys.exit(f"{README}: expected one sentence 'The tests run N % of the lines', found {found}")
+        sys.exit(f"{README}: expected <!-- coverage --><!-- end --> once, found {found}")
     README.write_text(text, encoding="utf-8")
     print(f"{total} %")
 
