@@ -186,7 +186,7 @@ def loaded(cache: Path, name: CaseName) -> Case:
     left_out = json.loads((out / "failed.json").read_text(encoding="utf-8"))
     if left_out:
         raise SystemExit(f"{folder}: {len(left_out)} shapes were left out: {left_out[0]}")
-    embeddings = tuple(read_embeddings(out / "embeddings" / f"{slug(id)}.npz") for id in ids)
+    embeddings = tuple(read_embeddings(out / "embeddings" / f"{slug(id)}.bin") for id in ids)
     return Case(
         name=name,
         ids=ids,

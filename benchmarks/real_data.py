@@ -71,7 +71,7 @@ def show_maps(output: Path) -> None:
         "\n| shape | vertices | flipped | angle mean / 99 % | area 1 % to 99 % | widest circle "
         "/ conformal | largest twist (deg) | CPU s |\n|---|---|---|---|---|---|---|---|"
     )
-    for path in sorted((output / "embeddings").glob("*.npz")):
+    for path in sorted((output / "embeddings").glob("*.bin")):
         for e in read_embeddings(path):
             c, d = e.certificate, e.distortion
             print(
@@ -126,7 +126,7 @@ def vertex_order_truth(output: Path, kind: str, part: str) -> TruthDistance:
     Material coordinates of a point: the triangle that holds it and its barycentric coordinates.
     """
     correspondence = read_correspondence(output / kind / "correspondence.h5")
-    shapes = [read_shape(path) for path in sorted((output / "shapes").glob("*.npz"))]
+    shapes = [read_shape(path) for path in sorted((output / "shapes").glob("*.bin"))]
     surfaces = {shape.id: shape.parts[part] for shape in shapes}
     trees = {id: surface_tree(s.vertices, s.faces) for id, s in surfaces.items()}
 

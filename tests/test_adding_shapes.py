@@ -65,7 +65,7 @@ def test_the_others_stay_bit_for_bit(finished, added):
 
 
 def embedded(folder, ids, domain):
-    names = [f"embeddings/{slug(id)}.npz" for id in ids]
+    names = [f"embeddings/{slug(id)}.bin" for id in ids]
     return [sampler(read_embeddings(folder / name), domain) for name in names]
 
 

@@ -82,7 +82,7 @@ def test_the_correspondence_file_has_the_promised_layout(results):
 
 
 def test_every_map_and_every_warp_is_free_of_folds(results):
-    for path in sorted((results / "embeddings").glob("*.npz")):
+    for path in sorted((results / "embeddings").glob("*.bin")):
         for embedding in read_embeddings(path):
             assert embedding.certificate.problems == ()
             signs = exact_orientations(embedding.directions, embedding.component.faces)
@@ -94,7 +94,7 @@ def test_every_map_and_every_warp_is_free_of_folds(results):
 
 def test_rim_points_lie_on_their_rims(results):
     correspondence = read_correspondence(results / "correspondence.h5")
-    names = sorted((results / "embeddings").glob("*.npz"))
+    names = sorted((results / "embeddings").glob("*.bin"))
     for points, path in zip(correspondence.points, names, strict=True):
         (embedding,) = read_embeddings(path)
         component = embedding.component
@@ -137,7 +137,7 @@ def test_a_second_build_changes_nothing(study, results):
 
 def test_a_damaged_artifact_is_made_again(study, results, tmp_path):
     output = shutil.copytree(results, tmp_path / "out")
-    damaged = sorted((output / "embeddings").glob("*.npz"))[0]
+    damaged = sorted((output / "embeddings").glob("*.bin"))[0]
     content = bytearray(damaged.read_bytes())
     content[len(content) // 2] ^= 0xFF
     damaged.write_bytes(content)

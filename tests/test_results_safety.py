@@ -108,8 +108,7 @@ def test_damaged_artifacts_of_every_kind_are_made_again(small_study, small_resul
 def test_results_of_an_older_layout_are_made_again(small_study, small_results, copy):
     for record in (copy / RECORDS).rglob("*.json"):
         record.write_text(record.read_text().replace('"schema": 1', '"schema": 0'))
-    with np.load(next((copy / "shapes").glob("*.npz"))) as stored:
-        assert "facts" in stored.files
+    assert any((copy / "shapes").glob("*.bin"))
     run = run_ostiform("embed", small_study, "-o", copy, "-w", 1, "-v")
     assert run.returncode == 0, run.stderr
     for folder in ("shapes", "embeddings", "surveys"):
@@ -149,7 +148,7 @@ def test_an_npz_with_a_pickle_runs_nothing(tmp_path):
     assert (tmp_path / "ran").is_file()  # the trap works
     (tmp_path / "ran").unlink()
     for read in (read_shape, read_embeddings, read_checkpoint):
-        with pytest.raises(ArtifactError, match="allow_pickle=False"):
+        with pytest.raises(ArtifactError, match="expected the .* that an earlier stage wrote"):
             read(path)
     assert not (tmp_path / "ran").exists()
 
@@ -452,7 +451,7 @@ def test_ctrl_c_stops_a_build_and_says_how_to_go_on(small_study, tmp_path):
         start_new_session=True,
         preexec_fn=hear_interrupts,
     ) as process:
-        while process.poll() is None and not any((output / "shapes").glob("*.npz")):
+        while process.poll() is None and not any((output / "shapes").glob("*.bin")):
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=120)

@@ -34,7 +34,7 @@ def study(tmp_path):
 def test_one_shape_can_be_embedded(study, tmp_path):
     summary = build_study(study, tmp_path / "out", until=Stage.EMBED)
     assert (summary.shapes, summary.failures) == (1, ())
-    (embedding,) = read_embeddings(tmp_path / "out" / "embeddings" / "one_0.npz")
+    (embedding,) = read_embeddings(tmp_path / "out" / "embeddings" / "one_0.bin")
     assert embedding.certificate.is_valid
 
 

@@ -16,6 +16,7 @@ import openpyxl
 import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
+from ostiform.artifacts import load, to_json
 from ostiform.correspondence import CorrespondenceSettings, correspond
 from ostiform.correspondence.build import shared_metric_of_template
 from ostiform.demo.demonstration import demonstration_truth
@@ -43,10 +44,12 @@ from ostiform.pipeline.arrays_file import (
     write_shape,
 )
 from ostiform.pipeline.store import Store
-from ostiform.study import Shape, ShapeId, read_study, survey_from_json
+from ostiform.study import Shape, ShapeId, ShapeSurvey, read_study
 from ostiform.study.labelmaps import read_label_map
 from ostiform.study.markups import read_markups
+from ostiform.study.naming import LoopFacts
 from ostiform.study.sheet import read_sheet
+from ostiform.study.survey import PartSurvey
 from ostiform.surface import Surface
 from ostiform.surface.files import read_mesh, write_surface
 from tests.fuzz.exchange_targets import exchange_files
@@ -282,12 +285,12 @@ def _artifacts(folder: Path) -> list[Target]:
     shutil.copy(with_template, published)
     with h5py.File(published, "r+") as file:
         del file["ostiform"]
-    state = folder / "state.npz"
+    state = folder / "state.bin"
     write_checkpoint(state, states[-1])
-    embeddings = folder / "embeddings.npz"
+    embeddings = folder / "embeddings.bin"
     mesh = triangulated(domain, 100)
     write_embeddings(embeddings, [embedded(domain, mesh, 10.0 * mesh.points, mesh.points)])
-    shape = folder / "shape.npz"
+    shape = folder / "shape.bin"
     loops = {name.partition(".")[2]: loop for name, loop in mesh.loops.items()}
     surface = Surface(10.0 * mesh.points, mesh.faces, loops)
     write_shape(shape, Shape(ShapeId("S", "0", 0.0), {"A": surface}, (), ("mended",)))
@@ -295,9 +298,9 @@ def _artifacts(folder: Path) -> list[Target]:
         _target("correspondence.h5", [correspondence], read_correspondence),
         _target("model.h5", [with_template, without, published], read_model),
         _target("statismo.h5", [published, with_template], read_statismo),
-        _target("checkpoint npz", [state], read_checkpoint),
-        _target("embeddings npz", [embeddings], read_embeddings),
-        _target("shape npz", [shape], read_shape),
+        _target("checkpoint bin", [state], read_checkpoint),
+        _target("embeddings bin", [embeddings], read_embeddings),
+        _target("shape bin", [shape], read_shape),
         *_json_artifacts(folder, domain),
     ]
 
@@ -306,7 +309,7 @@ def _json_artifacts(folder: Path, domain: Any) -> list[Target]:
     paths = {}
     for name, value in (
         ("domain", domain_to_json(domain)),
-        ("survey", SURVEY),
+        ("survey", {"kind": "shape survey", "layout": 1, "value": to_json(SURVEY)}),
         ("evaluation", EVALUATION),
         ("record", {"schema": 1, "version": "0", "key": "k", "sha256": "0" * 64}),
     ):
@@ -314,7 +317,7 @@ def _json_artifacts(folder: Path, domain: Any) -> list[Target]:
         paths[name].write_text(json.dumps(value))
     return [
         _target("domain json", [paths["domain"]], lambda path: _stored(path, domain_from_json)),
-        _target("survey json", [paths["survey"]], lambda path: _stored(path, survey_from_json)),
+        _target("survey json", [paths["survey"]], lambda path: load(path, ShapeSurvey)),
         _target("evaluation json", [paths["evaluation"]], read_evaluation),
         _target("record json", [paths["record"]], _is_current),
     ]
@@ -419,22 +422,20 @@ MARKUPS = {
     ],
 }
 
-SURVEY = {
-    "subject": "S",
-    "phase": "0",
-    "time": 0.0,
-    "points": {"LA.RSPV": [1.0, 2.0, 3.0]},
-    "parts": {
-        "LA": {
-            "center": [0.0, 0.0, 0.0],
-            "area": 100.0,
-            "diagonal": 10.0,
-            "samples": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
-            "loops": [[0.0, 0.0, 0.0, 30.0, 12]],
-            "known": {"mitral": 0},
-        }
+SURVEY = ShapeSurvey(
+    ShapeId("S", "0", 0.0),
+    {
+        "LA": PartSurvey(
+            center=np.zeros(3),
+            area=100.0,
+            diagonal=10.0,
+            samples=np.eye(3),
+            loops=(LoopFacts(np.zeros(3), 30.0, 12),),
+            known={"mitral": 0},
+        )
     },
-}
+    {"LA.RSPV": np.array([1.0, 2.0, 3.0])},
+)
 
 EVALUATION = {
     "schema": 1,

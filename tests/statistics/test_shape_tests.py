@@ -5,12 +5,10 @@ import itertools
 import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
-from scipy.stats import false_discovery_control
 
 from ostiform.errors import InputError
 from ostiform.statistics import (
     Covariate,
-    adjusted_p_values,
     covariate_of,
     design_of,
     permutation_p_value,
@@ -172,14 +170,6 @@ def test_the_explained_share_is_one_where_the_covariate_is_all_there_is(rng):
     test = score_test(values, design_of(age), permutations(10, 999, rng), n_modes=1)
     np.testing.assert_allclose(test.explained, 1.0, rtol=1e-9)
     assert test.p_value == 1e-3
-
-
-def test_q_values_are_those_of_another_implementation(rng):
-    p_values = np.concatenate([rng.uniform(size=200), rng.uniform(high=1e-3, size=20)])
-    np.testing.assert_allclose(
-        adjusted_p_values(p_values), false_discovery_control(p_values), rtol=1e-12
-    )
-    assert len(adjusted_p_values(np.empty(0))) == 0
 
 
 def test_p_values_count_the_data_among_the_permutations():

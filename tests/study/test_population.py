@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ostiform.artifacts import from_json, to_json
 from ostiform.errors import InputError
 from ostiform.study import named_population, parsed_settings
 from ostiform.study.population import checked_names
 from ostiform.study.shape import ShapeId
-from ostiform.study.survey import ShapeSurvey, part_survey, survey_from_json, survey_to_json
+from ostiform.study.survey import ShapeSurvey, part_survey
 from ostiform.surface import boundary_loops
 from tests.oracles.holed_spheres import holed_sphere
 
@@ -200,7 +201,7 @@ def test_points_in_other_units_are_refused():
 
 def test_a_survey_survives_its_file():
     item = survey("x", atrium(0), known={"mitral": 2})
-    again = survey_from_json(survey_to_json(item))
+    again = from_json(to_json(item), ShapeSurvey)
     assert again.id == item.id
     np.testing.assert_array_equal(again.samples, item.samples)
     np.testing.assert_array_equal(

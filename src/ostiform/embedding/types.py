@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import StoredAs
 from ostiform.surface import Component, Seam
 from ostiform.values import Axes, value
 
@@ -112,7 +115,7 @@ class EmbeddingState:
     """
 
     name: str
-    directions: Annotated[FloatArray, Axes("V", 3)]
+    directions: Annotated[FloatArray, Axes("V", 3), StoredAs(np.float32)]
     flipped: int
     seconds: float
 

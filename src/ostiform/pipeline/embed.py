@@ -1,6 +1,6 @@
 """Stage 2: every component of every shape is mapped to its sphere, and the map is certified.
 
-Artifacts: ``embeddings/NAME.npz``, one per shape, whether certified or not.
+Artifacts: ``embeddings/NAME.bin``, one per shape, whether certified or not.
 """
 
 from collections.abc import Sequence
@@ -59,7 +59,7 @@ def embed_shapes(run: Run, prepared: Prepared) -> Embedded:
 
 def embedding_artifact(name: str) -> str:
     """Return the artifact of a shape's embeddings."""
-    return f"embeddings/{name}.npz"
+    return f"embeddings/{name}.bin"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

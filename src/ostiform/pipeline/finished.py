@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.artifacts import load
 from ostiform.correspondence import Correspondence, CorrespondenceSettings
 from ostiform.domain import BaseDomain, domain_from_json, population_poses
 from ostiform.embedding import Embedding, EmbeddingSettings, embed, population_problems
@@ -20,10 +21,10 @@ from ostiform.pipeline.store import Store, slug
 from ostiform.study import (
     Shape,
     ShapeEntry,
+    ShapeSurvey,
     Study,
     named_population,
     read_shape,
-    survey_from_json,
     survey_shape,
 )
 
@@ -130,7 +131,7 @@ def read_named(study: Study, finished: FinishedModel, entries: Sequence[ShapeEnt
     """Read the new shapes, their openings named over the whole population."""
     surveys = [survey_shape(study, entry) for entry in entries]
     known = [
-        survey_from_json(finished.store.read_json(name))
+        load(finished.store.path(name), ShapeSurvey)
         for name in (f"surveys/{slug(id)}.json" for id in finished.correspondence.ids)
         if finished.store.path(name).is_file()
     ]

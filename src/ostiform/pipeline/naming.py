@@ -5,11 +5,13 @@ Artifacts: ``surveys/NAME.json``, what naming needs to know of each shape.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from ostiform.artifacts import load, save
 from ostiform.domain import Circle, circle_from_part_sphere
 from ostiform.errors import InputError
 from ostiform.pipeline.events import Warn
@@ -24,9 +26,7 @@ from ostiform.study import (
     Study,
     StudySettings,
     named_population,
-    survey_from_json,
     survey_shape,
-    survey_to_json,
 )
 from ostiform.surface import split_ostium_name
 
@@ -109,10 +109,12 @@ class _SurveyTask:
 def _survey(task: _SurveyTask) -> ShapeSurvey:
     key = key_of("survey", reading_inputs(task.study, task.entry))
     artifact = f"surveys/{slug(task.entry.id)}.json"
-    if task.store.is_current(artifact, key):
-        return survey_from_json(task.store.read_json(artifact))
+    stored = task.store.read_current(artifact, key, partial(load, kind=ShapeSurvey))
+    if stored is not None:
+        return stored
     survey = survey_shape(task.study, task.entry)
-    task.store.write_json(artifact, key, survey_to_json(survey))
+    with task.store.writing(artifact, key) as path:
+        save(path, survey)
     return survey
 
 

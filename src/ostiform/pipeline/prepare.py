@@ -1,6 +1,6 @@
 """Stage 1: the files of every shape become surfaces with named ostia, in one pose, on one domain.
 
-Artifacts: ``shapes/NAME.npz`` (the surfaces as read, in input coordinates), ``poses.json``,
+Artifacts: ``shapes/NAME.bin`` (the surfaces as read, in input coordinates), ``poses.json``,
 ``mirrored.json`` (which shapes seem to be mirror images) and ``domain.json``.
 """
 
@@ -106,7 +106,7 @@ def prepared_components(shape: Shape) -> tuple[tuple[Component, ...], tuple[str,
 
 def shape_artifact(name: str) -> str:
     """Return the artifact of a shape as it was read."""
-    return f"shapes/{name}.npz"
+    return f"shapes/{name}.bin"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The maps of a run for its report: the numbers of all of them, and one part step by step.
 
-Artifact: ``paper-chain.npz``, the states of the paper's own chain on the component that is drawn.
+Artifact: ``paper-chain.bin``, the states of the paper's own chain on the component that is drawn.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,7 @@ from ostiform.pipeline.run import Ready
 from ostiform.pipeline.store import Store, key_of
 from ostiform.report import MapRecord, StateView, map_record
 
-PAPER_CHAIN = "paper-chain.npz"
+PAPER_CHAIN = "paper-chain.bin"
 
 
 def map_records(store: Store, shapes: Iterable[Ready], workers: Executor) -> list[MapRecord]:

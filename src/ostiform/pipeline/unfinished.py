@@ -1,6 +1,6 @@
 """Where the sweeps of a correspondence stand, on disk while they go on: a kill costs little.
 
-Artifacts: ``unfinished/NAME-level-N.npz``, removed when the stage that they belong to is done.
+Artifacts: ``unfinished/NAME-level-N.bin``, removed when the stage that they belong to is done.
 """
 
 import time
@@ -57,8 +57,8 @@ class Unfinished:
 
     def remove(self) -> None:
         """Remove the states of all levels."""
-        for path in self.store.path(FOLDER).glob(f"{self.name}-level-*.npz"):
+        for path in self.store.path(FOLDER).glob(f"{self.name}-level-*.bin"):
             self.store.remove(f"{FOLDER}/{path.name}")
 
     def _artifact(self, level: int) -> str:
-        return f"{FOLDER}/{self.name}-level-{level}.npz"
+        return f"{FOLDER}/{self.name}-level-{level}.bin"

@@ -9,7 +9,6 @@ from .effect import ShapeEffect as ShapeEffect
 from .effect import normal_movement as normal_movement
 from .effect import point_normals as point_normals
 from .effect import shape_effect as shape_effect
-from .false_discovery import adjusted_p_values as adjusted_p_values
 from .points import PointTest as PointTest
 from .points import point_test as point_test
 from .scores import ScoreTest as ScoreTest

@@ -10,11 +10,11 @@ Westfall and Young (any false discovery at all), from the same permutations.
 from typing import Annotated
 
 import numpy as np
+from scipy.stats import false_discovery_control
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.statistics.design import Design
-from ostiform.statistics.false_discovery import adjusted_p_values
 from ostiform.statistics.scores import EQUAL
 from ostiform.values import Axes, value
 
@@ -100,7 +100,7 @@ def point_test(values: FloatArray, design: Design, orders: IntArray) -> PointTes
     return PointTest(
         statistic=observed,
         p_value=p_value,
-        q_value=adjusted_p_values(p_value),
+        q_value=false_discovery_control(p_value),
         family_p_value=(1.0 + above) / (1.0 + len(orders)),
     )
 

@@ -23,5 +23,3 @@ from .study import Study as Study
 from .study import natural_key as natural_key
 from .study import read_study as read_study
 from .survey import ShapeSurvey as ShapeSurvey
-from .survey import survey_from_json as survey_from_json
-from .survey import survey_to_json as survey_to_json

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.errors import ArtifactError
 from ostiform.study.naming import LoopFacts, loop_facts
 from ostiform.study.parts import OpenPart
 from ostiform.study.shape import ShapeId
@@ -105,57 +104,4 @@ def shape_survey(
             for name, part in parts.items()
         },
         points,
-    )
-
-
-def survey_to_json(survey: ShapeSurvey) -> dict[str, Any]:
-    """Return a survey as plain values."""
-    return {
-        "subject": survey.id.subject,
-        "phase": survey.id.phase,
-        "time": survey.id.time,
-        "points": {name: point.tolist() for name, point in survey.points.items()},
-        "parts": {
-            name: {
-                "center": part.center.tolist(),
-                "area": part.area,
-                "diagonal": part.diagonal,
-                "samples": part.samples.tolist(),
-                "loops": [[*f.center.tolist(), f.perimeter, f.n_vertices] for f in part.loops],
-                "known": dict(part.known),
-            }
-            for name, part in survey.parts.items()
-        },
-    }
-
-
-def survey_from_json(value: Mapping[str, Any]) -> ShapeSurvey:
-    """Return the survey that `survey_to_json` made plain.
-
-    Raises
-    ------
-    ArtifactError
-        If a value is missing or of the wrong kind.
-    """
-    try:
-        return ShapeSurvey(
-            ShapeId(value["subject"], value["phase"], value["time"]),
-            {name: _part_from_json(part) for name, part in value["parts"].items()},
-            {name: np.array(point) for name, point in value["points"].items()},
-        )
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise ArtifactError(
-            f"survey of a shape: expected what Ostiform writes, found a damaged record "
-            f"({type(error).__name__}: {error}); look at the shape again"
-        ) from error
-
-
-def _part_from_json(part: Mapping[str, Any]) -> PartSurvey:
-    return PartSurvey(
-        center=np.array(part["center"]),
-        area=part["area"],
-        diagonal=part["diagonal"],
-        samples=np.array(part["samples"]),
-        loops=tuple(LoopFacts(np.array(f[:3]), f[3], int(f[4])) for f in part["loops"]),
-        known=part["known"],
     )

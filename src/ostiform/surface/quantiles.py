@@ -5,9 +5,6 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 
-ROUNDING = 1e-12
-"""Relative to the total weight: rounding of the cumulative sum."""
-
 
 def weighted_quantile(values: FloatArray, weights: FloatArray, share: float) -> float:
     """Return the smallest value that at least a share of the weight does not exceed.
@@ -30,7 +27,4 @@ def weighted_quantile(values: FloatArray, weights: FloatArray, share: float) -> 
             f"a weighted quantile: expected values of positive weight, found {len(values)} of "
             f"total weight {weights.sum():g}"
         )
-    order = np.argsort(values, kind="stable")
-    cumulative = np.cumsum(weights[order])
-    place = np.searchsorted(cumulative, share * cumulative[-1] * (1.0 - ROUNDING))
-    return float(values[order[min(int(place), len(values) - 1)]])
+    return float(np.quantile(values, share, weights=weights, method="inverted_cdf"))
