@@ -32,7 +32,7 @@ def test_a_build_killed_while_embedding_sweeping_and_evaluating_ends_the_same(
     arguments = ("evaluate", small_study, "-o", output, "-w", SMALL_WORKERS, "-v")
     for sign in (
         ".ostiform/embeddings/*.json",
-        ".ostiform/unfinished/correspondence-level-2.npz.json",
+        ".ostiform/unfinished/correspondence-level-2.bin.json",
         ".ostiform/unfinished/fold-*.json",
     ):
         assert killed_when(lambda sign=sign: any(output.glob(sign)), log, *arguments), sign
@@ -45,7 +45,7 @@ def test_a_build_killed_while_embedding_sweeping_and_evaluating_ends_the_same(
 def test_sweeps_that_were_finished_are_not_done_again(small_study, small_results, tmp_path):
     output, log = tmp_path / "out", tmp_path / "log"
     arguments = ("correspond", small_study, "-o", output, "-w", SMALL_WORKERS, "-v")
-    first_level = output / ".ostiform" / "unfinished" / "correspondence-level-1.npz.json"
+    first_level = output / ".ostiform" / "unfinished" / "correspondence-level-1.bin.json"
     assert killed_when(first_level.is_file, log, *arguments)
     run = ostiform(*arguments)
     assert run.returncode == 0, run.stderr
