@@ -11,13 +11,11 @@ from ostiform.domain import (
     CircleSetting,
     ComponentOutline,
     ConformalHoles,
-    check_domain,
     chosen_pole,
     circle_from_part_sphere,
     lay_out,
     outlined,
     pole_circle,
-    radius_candidates,
 )
 from ostiform.errors import InputError, TopologyError
 from ostiform.surface import Component, Seam
@@ -342,17 +340,6 @@ def test_seams_in_a_cycle_are_refused():
         lay_out([[one]], [[ConformalHoles({}, {})]])
     with pytest.raises(TopologyError, match="none that leads to D"):
         lay_out([[outline(("A", "B", "D"), (), seams[:1])]], [[ConformalHoles({}, {})]])
-
-
-def test_radius_candidates_change_the_narrow_openings_only(rng):
-    domain = lay_out([[left_heart_outline()]], [[left_heart_holes(rng)]])
-    found = radius_candidates(domain)
-    radii = [np.degrees(one.spheres[0].rims["LA.RSPV"].radius) for one in found]
-    np.testing.assert_allclose(radii, [2.0, 3.0, 4.0, 5.0, 6.0])
-    for one in found:
-        check_domain(one)
-        np.testing.assert_allclose(one.spheres[0].rims["LV.aortic"].radius, np.radians(8.0))
-    assert len(radius_candidates(domain, (3.0, 40.0))) == 1
 
 
 def test_outlines_hold_perimeters_and_areas():

@@ -12,7 +12,6 @@ from ostiform.domain import (
     from_part_sphere,
     stereographic_view,
     to_part_sphere,
-    touching_positions,
 )
 from ostiform.errors import InputError
 from ostiform.surface import Seam, stereographic
@@ -105,12 +104,6 @@ def test_centres_do_not_carry_over():
     image = circle_to_part_sphere(circle, "second", RIM)
     moved = to_part_sphere(circle.center[None], "second", RIM)[0]
     assert np.arccos(moved @ image.center) > np.radians(1.0)
-
-
-def test_the_two_spheres_of_the_figure_share_their_contour():
-    first = touching_positions(to_part_sphere(equator(), "first", RIM), "first", RIM)
-    second = touching_positions(to_part_sphere(equator(), "second", RIM), "second", RIM)
-    np.testing.assert_allclose(first, second, atol=1e-14)
 
 
 @pytest.mark.parametrize("part", ["LV", "LA"])

@@ -9,7 +9,6 @@ from ostiform.surface import (
     component_parts,
     genus,
     is_consistently_oriented,
-    part_surface,
     split_ostium_name,
     welded_components,
 )
@@ -77,20 +76,6 @@ def test_the_second_part_lies_on_the_left_of_the_seam(heart):
                 assert component.parts[part] == "LA"
     angle = np.unwrap(np.arctan2(*component.vertices[curve][:, [1, 0]].T))
     assert (np.diff(angle) > 0).all()
-
-
-def test_the_parts_of_a_component_are_the_surfaces_it_was_welded_from(heart):
-    (component,) = welded_components(heart, [MITRAL])
-    for name, original in heart.items():
-        part = part_surface(component, name)
-        assert sorted(part.loops) == sorted(original.loops)
-        assert {len(f) for f in (part.faces, original.faces)} == {len(original.faces)}
-        np.testing.assert_array_equal(part.vertices[part.faces], original.vertices[original.faces])
-        for ostium, loop in original.loops.items():
-            here = part.vertices[part.loops[ostium]].tolist()
-            there = original.vertices[loop].tolist()
-            start = here.index(there[0])
-            assert here[start:] + here[:start] == there
 
 
 def test_welding_does_not_depend_on_where_loops_start(heart):
@@ -199,9 +184,6 @@ def test_names_that_do_not_exist_are_refused(heart):
         welded_components(heart, [Seam("LV.mitral", "RA.mitral")])
     with pytest.raises(InputError, match=r'written "PART.OSTIUM", found "mitral"'):
         split_ostium_name("mitral")
-    (component,) = welded_components(heart, [MITRAL])
-    with pytest.raises(InputError, match="found RA"):
-        part_surface(component, "RA")
 
 
 def test_chords_that_both_parts_have_between_the_same_rim_vertices_are_split():

@@ -5,7 +5,6 @@ from ostiform.errors import ConvergenceError, InputError, TopologyError
 from ostiform.surface import (
     containing_triangles,
     locate,
-    locate_on_curve,
     normalised,
     sphere_locator,
     triangle_determinants,
@@ -131,32 +130,3 @@ def test_twins_run_the_other_way_and_name_the_edge_that_does_not():
     for broken in ([[0, 1, 2], [0, 1, 3]], [[0, 1, 2], [1, 0, 3], [1, 0, 4]]):
         with pytest.raises(TopologyError, match="same direction"):
             twin_half_edges(np.array(broken), 5)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_vertex_of_a_curve_is_found_at_its_own_place(rng, sign):
-    angles = sign * np.sort(rng.uniform(0, 2 * np.pi, 40)) + 1.7
-    wrapped = np.angle(np.exp(1j * angles))
-    edge, fraction = locate_on_curve(wrapped, wrapped + 2 * np.pi)
-    at = (edge + fraction) % 40
-    np.testing.assert_allclose(np.minimum(np.abs(at - np.arange(40)), 40 - at), 0, atol=1e-6)
-
-
-def test_a_query_on_a_curve_is_where_its_ray_meets_the_chord(rng):
-    angles = np.sort(rng.uniform(-np.pi, np.pi, 12))
-    queries = rng.uniform(-np.pi, np.pi, 200)
-    edge, fraction = locate_on_curve(angles, queries)
-    corners = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    points = (1 - fraction[:, None]) * corners[edge] + fraction[:, None] * corners[(edge + 1) % 12]
-    np.testing.assert_allclose(
-        np.exp(1j * np.arctan2(points[:, 1], points[:, 0])), np.exp(1j * queries), atol=1e-12
-    )
-
-
-@pytest.mark.parametrize(
-    "angles",
-    [[0.0, 2.0, 1.0, 4.0], [0.0, 1.0, 1.0, 3.0, 5.0], [0.0, 0.5, 1.0], [0.0, 2.5, 5.0, 7.5, 10.0]],
-)
-def test_a_curve_that_does_not_run_once_round_is_refused(angles):
-    with pytest.raises(InputError, match="once round"):
-        locate_on_curve(np.array(angles), np.zeros(1))

@@ -10,7 +10,6 @@ from ostiform.surface import (
     face_areas,
     face_normals,
     local_frames,
-    mean_edge_length,
     median_edge_length,
     uniform_laplacian,
     unique_edges,
@@ -36,7 +35,6 @@ def test_a_right_triangle_has_the_textbook_values():
     )
     np.testing.assert_allclose(vertex_areas(RIGHT_TRIANGLE, ONE_FACE), [2.0, 2.0, 2.0])
     np.testing.assert_allclose(edge_lengths(RIGHT_TRIANGLE, ONE_FACE), [3.0, 4.0, 5.0])
-    np.testing.assert_allclose(mean_edge_length(RIGHT_TRIANGLE, ONE_FACE), 4.0)
     np.testing.assert_allclose(median_edge_length(RIGHT_TRIANGLE, ONE_FACE), 4.0)
 
 

@@ -6,7 +6,6 @@ from ostiform.surface import (
     closest_points,
     distances_to_surface,
     moved_tree,
-    surface_distance,
     surface_tree,
 )
 from tests.star_shapes import closed_domain, star_embedding
@@ -89,24 +88,6 @@ def test_a_moved_tree_and_a_guess_find_what_a_new_tree_finds(rng):
     for found in (closest_points(moved, points), closest_points(moved, points, guess)):
         np.testing.assert_allclose(found.distances, expected.distances, rtol=1e-13)
         np.testing.assert_allclose(found.points, expected.points, rtol=1e-12)
-
-
-def test_concentric_spheres_are_as_far_apart_as_their_radii():
-    vertices, faces = ball(10.0)
-    outer, outer_faces = ball(12.0)
-    distance = surface_distance(vertices, faces, surface_tree(outer, outer_faces))
-    # Both are polyhedra: their faces sag by about edge^2 / (8 r) = 0.02.
-    np.testing.assert_allclose([distance.mean, distance.p95], 2.0, atol=0.03)
-    assert distance.p95 <= distance.maximum
-
-
-def test_the_mean_distance_integrates_over_the_area():
-    # Distance z from the plane at z = 0 over the unit square lifted by z = x: its integral is 1/2.
-    lifted = SQUARE + SQUARE[:, [1, 1, 0]] * [0, 0, 1]
-    plane = surface_tree(SQUARE * 10 - [5, 5, 0], SQUARE_FACES)
-    distance = surface_distance(lifted, SQUARE_FACES, plane)
-    np.testing.assert_allclose(distance.mean, 0.5, rtol=1e-12)
-    np.testing.assert_allclose(distance.maximum, 1.0, rtol=1e-12)
 
 
 def test_distances_scale_with_the_surfaces(rng):

@@ -7,7 +7,6 @@ from .delaunay import without_caps as without_caps
 from .json_form import domain_from_json as domain_from_json
 from .json_form import domain_to_json as domain_to_json
 from .layout import lay_out as lay_out
-from .layout import radius_candidates as radius_candidates
 from .nesting import with_levels as with_levels
 from .outline import ComponentOutline as ComponentOutline
 from .outline import chosen_pole as chosen_pole
@@ -35,7 +34,6 @@ from .touching_spheres import circle_to_part_sphere as circle_to_part_sphere
 from .touching_spheres import from_part_sphere as from_part_sphere
 from .touching_spheres import stereographic_view as stereographic_view
 from .touching_spheres import to_part_sphere as to_part_sphere
-from .touching_spheres import touching_positions as touching_positions
 from .types import NORTH as NORTH
 from .types import BaseDomain as BaseDomain
 from .types import Circle as Circle

@@ -83,38 +83,6 @@ def lay_out(
     )
 
 
-def radius_candidates(
-    domain: BaseDomain, degrees: Sequence[float] = (2.0, 3.0, 4.0, 5.0, 6.0)
-) -> tuple[BaseDomain, ...]:
-    """Return the domain with all its narrow openings at each of some radii, to be compared.
-
-    Narrow are the rims not wider than the widest candidate. Candidates whose circles would crowd
-    each other are left out.
-    """
-    widest = np.radians(max(degrees, default=0.0))
-    candidates = []
-    for degree in degrees:
-        spheres = tuple(
-            replace(
-                sphere,
-                rims={
-                    name: replace(circle, radius=float(np.radians(degree)))
-                    if circle.radius <= widest
-                    else circle
-                    for name, circle in sphere.rims.items()
-                },
-            )
-            for sphere in domain.spheres
-        )
-        try:
-            for sphere in spheres:
-                check_sphere(sphere)
-        except InputError:
-            continue
-        candidates.append(BaseDomain(spheres))
-    return tuple(candidates)
-
-
 def _ostium_names(population: Sequence[ComponentOutline]) -> set[str]:
     if not population:
         raise InputError("layout: expected at least one shape of every component, found none")

@@ -75,20 +75,6 @@ def circle_from_part_sphere(
     return _refitted(points)
 
 
-def touching_positions(
-    directions: FloatArray, side: SeamSide, rim_radius: float = DEFAULT_RIM_RADIUS
-) -> FloatArray:
-    """Place points of a part's sphere in the figure of the two touching spheres (HY Fig. 1 c).
-
-    The first sphere is about the origin; the second stands on it upside down, so that the two
-    contours, of the same `rim_radius`, are one circle.
-    """
-    if side == "first":
-        return directions
-    lifted: FloatArray = _turned(directions, side) + [0.0, 0.0, 2.0 * np.cos(rim_radius)]
-    return lifted
-
-
 def stereographic_view(sphere: Sphere, part: str, directions: FloatArray) -> FloatArray:
     """Project directions of one part's region to the plane, as HY Fig. 2.
 

@@ -17,6 +17,7 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.surface import vertex_normals
 from ostiform.values import Axes, value
 
 FLOAT, UNSIGNED_INT = 5126, 5125
@@ -276,15 +277,8 @@ def _material(number: int, part: str) -> dict[str, Any]:
 
 def _normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return unit normals (P, 3), area-weighted means of the triangles'; +z where there is none."""
-    corners = vertices[faces]  # (F, 3, 3)
-    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])  # (F, 3)
-    sums = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(sums, faces[:, corner], doubled)
-    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    known = lengths[:, 0] > 0.0
-    normals = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
-    normals[known] = sums[known] / lengths[known]
+    normals = vertex_normals(vertices, faces)
+    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)
     return normals
 
 

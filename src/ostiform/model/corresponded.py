@@ -5,7 +5,6 @@ whose correspondence was made elsewhere have no such sphere. Both are read from 
 ``correspondence.h5`` (design 7), of which the sphere is an optional part.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +12,6 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.correspondence import Correspondence
-from ostiform.errors import InputError
 from ostiform.model.algebra import check_weights
 from ostiform.model.hdf5 import (
     SHAPE_ARRAYS,
@@ -61,23 +59,6 @@ class CorrespondedShapes:
     def __post_init__(self) -> None:
         """Check the weights."""
         check_weights(self.weights)
-
-    def place_of(self, wanted: Sequence[ShapeId]) -> list[int]:
-        """Return the index of each wanted shape.
-
-        Raises
-        ------
-        InputError
-            If one is not there.
-        """
-        places = {(id.subject, id.phase): index for index, id in enumerate(self.ids)}
-        missing = [str(id) for id in wanted if (id.subject, id.phase) not in places]
-        if missing:
-            raise InputError(
-                f"shapes in correspondence: expected {missing[0]} among them, found "
-                f"{len(self.ids)} others"
-            )
-        return [places[id.subject, id.phase] for id in wanted]
 
 
 def corresponded_shapes(correspondence: Correspondence) -> CorrespondedShapes:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.errors import InputError
 from ostiform.study.layout_names import LayoutCircle, names_by_layout
 from ostiform.study.matching import (
     LARGEST_TRIAL,
@@ -437,16 +436,3 @@ def _odd_openings(
                     "hole was taken for it",
                 )
     return problems
-
-
-def checked_names(names: PopulationNames, shape: ShapeId) -> ShapeNames:
-    """Return the names of one shape.
-
-    Raises
-    ------
-    InputError
-        If it could not be named.
-    """
-    if shape in names.names:
-        return names.names[shape]
-    raise InputError(f"shape {shape}: {names.problems[shape]}")

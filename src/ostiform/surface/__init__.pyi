@@ -1,5 +1,4 @@
 from .component import component_parts as component_parts
-from .component import part_surface as part_surface
 from .component import split_ostium_name as split_ostium_name
 from .component import welded_components as welded_components
 from .cutting import CutSurface as CutSurface
@@ -25,7 +24,6 @@ from .location import SphereLocator as SphereLocator
 from .location import containing_triangles as containing_triangles
 from .location import curve_positions as curve_positions
 from .location import locate as locate
-from .location import locate_on_curve as locate_on_curve
 from .location import sphere_locator as sphere_locator
 from .loop_filling import filled_loops as filled_loops
 from .normals import vertex_normals as vertex_normals
@@ -38,7 +36,6 @@ from .operators import edge_lengths as edge_lengths
 from .operators import face_areas as face_areas
 from .operators import face_normals as face_normals
 from .operators import local_frames as local_frames
-from .operators import mean_edge_length as mean_edge_length
 from .operators import median_edge_length as median_edge_length
 from .operators import uniform_laplacian as uniform_laplacian
 from .operators import vertex_areas as vertex_areas
@@ -50,7 +47,6 @@ from .queries import SurfaceTree as SurfaceTree
 from .queries import closest_points as closest_points
 from .queries import distances_to_surface as distances_to_surface
 from .queries import moved_tree as moved_tree
-from .queries import surface_distance as surface_distance
 from .queries import surface_tree as surface_tree
 from .raw_mesh import RawMesh as RawMesh
 from .remesh import RemeshedSurface as RemeshedSurface

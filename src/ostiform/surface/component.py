@@ -10,7 +10,6 @@ from ostiform.surface.topology import (
     connected_components,
     genus,
     unique_edges,
-    without_unreferenced,
 )
 from ostiform.surface.types import Component, Seam, Surface
 
@@ -89,39 +88,6 @@ def welded_components(parts: Mapping[str, Surface], seams: Sequence[Seam]) -> tu
         )
         for group in component_parts(tuple(parts), seams)
     )
-
-
-def part_surface(component: Component, part: str) -> Surface:
-    """Return one part of a component as a surface of its own, with all its openings.
-
-    A seam appears as a loop of that part, under the part's own name for it, starting at the
-    seam's first vertex.
-
-    Raises
-    ------
-    InputError
-        If the component has no such part.
-    """
-    if part not in component.parts:
-        raise InputError(
-            f"component {component.name}: expected one of the parts "
-            f"{', '.join(component.parts)}, found {part}"
-        )
-    mine = component.faces[component.face_part == component.parts.index(part)]
-    kept, faces = without_unreferenced(mine, len(component.vertices))
-    index = np.full(len(component.vertices), -1, dtype=np.int64)
-    index[kept] = np.arange(len(kept))
-    loops = {}
-    for name, rim in component.rims.items():
-        owner, ostium = split_ostium_name(name)
-        if owner == part:
-            loops[ostium] = index[rim]
-    for seam, curve in component.seams.items():
-        for name, ordered in ((seam.first, _reversed_loop(curve)), (seam.second, curve)):
-            owner, ostium = split_ostium_name(name)
-            if owner == part:
-                loops[ostium] = index[ordered]
-    return Surface(component.vertices[kept], faces, loops)
 
 
 def _refuse_handles(parts: tuple[str, ...], seams: Sequence[Seam]) -> None:
@@ -254,7 +220,3 @@ def _refuse_other_topology(name: str, faces: IntArray) -> None:
             f"component {name}: expected a surface without handles, found genus {handles}: "
             "surfaces with handles cannot be embedded yet, close them first"
         )
-
-
-def _reversed_loop(loop: IntArray) -> IntArray:
-    return np.concatenate([loop[:1], loop[:0:-1]])

@@ -168,43 +168,6 @@ def locate(locator: SphereLocator, queries: FloatArray) -> tuple[IntArray, Float
     return face, barycentric
 
 
-def locate_on_curve(curve_angles: FloatArray, angles: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the edge of a closed curve on a circle that holds each angle, and how far along it.
-
-    The fraction is that of the chord: the point where the ray from the circle's centre under the
-    query's angle meets it, ``sin u / (sin u + sin v)`` with u and v the angles to the edge's ends.
-    On a great circle (a seam) this is what the triangles on either side interpolate, so that
-    sampling is continuous there.
-
-    Parameters
-    ----------
-    curve_angles : (n,) float64
-        Angle of each vertex of the curve in order, radians, strictly monotone up to full turns.
-    angles : (m,) float64
-        Angles to locate, radians.
-
-    Returns
-    -------
-    edge : (m,) int64
-        Edge i runs from vertex i to vertex i + 1 (the last to the first).
-    fraction : (m,) float64
-        From 0 at the edge's first vertex to 1 at its second.
-
-    Raises
-    ------
-    InputError
-        If the vertices do not run once round the circle in one direction, or two neighbours are
-        half a turn or more apart.
-    """
-    positions, sign = curve_positions(curve_angles)
-    along = np.mod(sign * (angles - curve_angles[0]), 2.0 * np.pi)  # (m,)
-    edge = np.clip(np.searchsorted(positions, along, side="right") - 1, 0, len(positions) - 2)
-    before = np.clip(along - positions[edge], 0.0, positions[edge + 1] - positions[edge])
-    after = positions[edge + 1] - positions[edge] - before
-    fraction = np.sin(before) / (np.sin(before) + np.sin(after))
-    return edge.astype(np.int64), fraction
-
-
 def curve_positions(curve_angles: FloatArray) -> tuple[FloatArray, float]:
     """Return the angle travelled along a closed curve on a circle up to each of its vertices.
 

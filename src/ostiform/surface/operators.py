@@ -26,11 +26,6 @@ def edge_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return lengths
 
 
-def mean_edge_length(vertices: FloatArray, faces: IntArray) -> float:
-    """Return the mean edge length, the length scale of the mesh (not of the shape)."""
-    return float(edge_lengths(vertices, faces).mean())
-
-
 def median_edge_length(vertices: FloatArray, faces: IntArray) -> float:
     """Return the median edge length: the length scale of the mesh, blind to a few slivers."""
     return float(np.median(edge_lengths(vertices, faces)))

@@ -7,7 +7,6 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.surface.box_kernels import fitted, halved, nearest
-from ostiform.surface.quantiles import weighted_quantile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,32 +123,3 @@ def distances_to_surface(points: FloatArray, vertices: FloatArray, faces: IntArr
     For several queries of one surface, prepare it once with `surface_tree`.
     """
     return closest_points(surface_tree(vertices, faces), points).distances
-
-
-def surface_distance(vertices: FloatArray, faces: IntArray, target: SurfaceTree) -> SurfaceDistance:
-    """Return the area-weighted distance from a surface to another.
-
-    The distance is evaluated at the vertices and at the centroids of the faces; each triangle
-    counts them 1 : 1 : 1 : 9, the rule that integrates quadratic functions exactly. Vertices that
-    no face uses do not count.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64, mm
-    faces : (F, 3) int64
-    target : SurfaceTree
-    """
-    corners = vertices[faces]  # (F, 3, 3)
-    areas = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )  # (F,)
-    shares = np.bincount(faces.ravel(), np.repeat(areas / 12.0, 3), minlength=len(vertices))
-    used = np.bincount(faces.ravel(), minlength=len(vertices)) > 0
-    weights = np.concatenate([shares[used], 0.75 * areas])
-    distances = closest_points(target, np.concatenate([vertices[used], corners.mean(axis=1)]))
-    values = distances.distances
-    return SurfaceDistance(
-        mean=float(weights @ values / weights.sum()),
-        p95=weighted_quantile(values, weights, 0.95),
-        maximum=float(values.max()),
-    )
