@@ -17,7 +17,7 @@ def interpolated_on_curve(
     derivative: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions (n, 3) on a closed polyline, and their derivative (n, 3, 3) or nothing."""
-    # Fraction sin u / (sin u + sin v) of the chord (see `locate_on_curve`), u and v the angles to
+    # Fraction sin u / (sin u + sin v) of the chord, u and v the angles to
     # the edge's ends; its derivative by the angle is sin(u + v) / (sin u + sin v)^2, and that of
     # the angle by the direction points along the circle, over the distance from its axis.
     points = np.empty((len(queries), 3))
