@@ -1,6 +1,12 @@
 import numpy as np
 import pytest
 
+from ostiform.correspondence.control_points import (
+    basis_of,
+    boundary_control_points,
+    insert_interior,
+    no_control_points,
+)
 from ostiform.correspondence.fields import (
     active,
     bump_fields,
@@ -10,6 +16,8 @@ from ostiform.correspondence.fields import (
     join_fields,
     twist_fields,
 )
+from ostiform.correspondence.flow_kernels import velocities
+from ostiform.correspondence.merged_velocity import merged_velocity
 from ostiform.surface import exact_orientations
 from ostiform.surface.sphere import spherical_fibonacci
 from tests.oracles.warped_shapes import one_part_domain, triangulated, two_part_domain
@@ -111,3 +119,19 @@ def test_active_fields_are_the_derivative_of_the_flow_at_rest(template, basis, r
     ]
     order = np.polyfit(np.log(steps), np.log(remainders), 1)[0]
     assert 1.9 < order < 2.1
+
+
+def test_the_summed_velocity_is_that_of_the_fields(domain, template, rng):
+    circles = circle_table(domain, template)
+    interior = insert_interior(no_control_points(), template, 25.0 * template.points, 2)
+    spheres = len(domain.spheres)
+    basis = basis_of(interior, boundary_control_points(circles, 3), circles, spheres)
+    coefficients = rng.normal(size=len(basis))
+    fields = active(basis, template, template.points)
+    expected = np.zeros_like(template.points)
+    for point in range(len(expected)):
+        own = slice(fields.starts[point], fields.starts[point + 1])
+        expected[point] = coefficients[fields.fields[own]] @ fields.vectors[own]
+    merged = merged_velocity(basis.table, basis.labels, basis.circles, coefficients)
+    found = velocities(template.points, template.sphere, template.curve, *merged)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
