@@ -88,29 +88,29 @@ def nearest(
         if near[q] >= 0:
             face = near[q]
             best, v, w = _to_triangle(vertices, faces, face, x, y, z)
-        nodes[0], gaps[0] = 0, 0.0
-        top = 1
-        while top > 0:
-            top -= 1
-            if gaps[top] >= best:
-                continue
-            node = nodes[top]
+        node, top = 0, 0
+        while True:
             if right[node] < 0:
                 distance, own_v, own_w = _to_triangle(vertices, faces, -1 - right[node], x, y, z)
                 if distance < best:
                     best, face, v, w = distance, -1 - right[node], own_v, own_w
-                continue
-            one, other = node + 1, right[node]
-            to_one, to_other = _to_box(boxes, one, x, y, z), _to_box(boxes, other, x, y, z)
-            if to_one < to_other:  # the nearer one is opened first
-                one, other = other, one
-                to_one, to_other = to_other, to_one
-            if to_one < best:
-                nodes[top], gaps[top] = one, to_one
-                top += 1
-            if to_other < best:
-                nodes[top], gaps[top] = other, to_other
-                top += 1
+            else:
+                one, other = node + 1, right[node]
+                to_one, to_other = _to_box(boxes, one, x, y, z), _to_box(boxes, other, x, y, z)
+                if to_other < to_one:  # the nearer one is opened first, the other one waits
+                    one, other = other, one
+                    to_one, to_other = to_other, to_one
+                if to_one < best:
+                    nodes[top], gaps[top] = other, to_other
+                    top += 1
+                    node = one
+                    continue
+            while top > 0 and gaps[top - 1] >= best:
+                top -= 1
+            if top == 0:
+                break
+            top -= 1
+            node = nodes[top]
         squared[q], found[q] = best, face
         weights[q, 0], weights[q, 1], weights[q, 2] = max(1.0 - v - w, 0.0), v, w
     return squared, found, weights
@@ -158,10 +158,12 @@ def _select(order: IntArray, keys: FloatArray, first: int, last: int, middle: in
 
 @njit(cache=True, inline="always")
 def _to_box(boxes: FloatArray, node: int, x: float, y: float, z: float) -> float:
-    dx = max(boxes[node, 0] - x, 0.0, x - boxes[node, 3])
-    dy = max(boxes[node, 1] - y, 0.0, y - boxes[node, 4])
-    dz = max(boxes[node, 2] - z, 0.0, z - boxes[node, 5])
-    return float(dx * dx + dy * dy + dz * dz)
+    total = 0.0
+    for k, at in enumerate((x, y, z)):
+        below, above = boxes[node, k] - at, at - boxes[node, 3 + k]
+        gap = below if below > above else above  # `max` has a branch for what is not a number
+        total += gap * gap if gap > 0.0 else 0.0
+    return total
 
 
 @njit(cache=True)
