@@ -34,7 +34,8 @@ from ostiform.evaluation import OriginalMesh
 from ostiform.pipeline import Stage, build_study
 from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.correspond import correspondence_settings
-from ostiform.pipeline.store import slug
+from ostiform.pipeline.prepare import read_poses
+from ostiform.pipeline.store import Store, slug
 from ostiform.study import ShapeId, read_study
 
 Result = TypeVar("Result")
@@ -193,7 +194,7 @@ def loaded(cache: Path, name: CaseName) -> Case:
         embeddings=embeddings,
         samplers=tuple(sampler(own, domain) for own in embeddings),
         domain=domain,
-        poses=np.array(json.loads((out / "poses.json").read_text(encoding="utf-8"))),
+        poses=np.array([one.transform for one in read_poses(Store(out))]),
         truth=read_truth(folder / "truth" / "truth.json"),
         settings=replace(correspondence_settings(study), n_points=name.points),
         costs=json.loads((folder / COSTS).read_text(encoding="utf-8")),

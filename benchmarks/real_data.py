@@ -21,7 +21,8 @@ from ostiform.evaluation import (
 )
 from ostiform.model import read_correspondence
 from ostiform.pipeline import Stage, Summary, build_study
-from ostiform.pipeline.arrays_file import read_embeddings, read_shape
+from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.pipeline.prepared import read_shape
 from ostiform.study import ShapeId
 from ostiform.surface import closest_points, surface_tree
 

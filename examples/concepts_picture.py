@@ -13,7 +13,8 @@ from matplotlib.patches import FancyArrowPatch
 
 import ostiform
 from ostiform.domain import domain_from_json
-from ostiform.pipeline.arrays_file import read_embeddings, read_shape
+from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.store import Store, slug
 from ostiform.report.modes import extents_of, model_views
 from ostiform.report.shading import View, draw_raster, draw_visible_curves, shaded_surface
@@ -69,7 +70,7 @@ def main(folder: Path, images: Path) -> None:
         shape = correspondence.ids[index]
         names.append(str(shape))
         rotation = correspondence.transforms[index]
-        parts = read_shape(store.path(f"shapes/{slug(shape)}.npz")).parts
+        parts = read_shape(store.path(shape_artifact(slug(shape)))).parts
         faces, points, colour, loops, offset = [], [], [], [], 0
         for number, part in enumerate(parts.values()):
             points.append(part.vertices @ rotation[:3, :3].T + rotation[:3, 3])

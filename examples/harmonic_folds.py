@@ -20,9 +20,10 @@ from ostiform.arrays import FloatArray
 from ostiform.domain import Sphere, domain_from_json, stereographic_view
 from ostiform.embedding import Embedding, conformal_holes, folds_by_circle_ratio, harmonic_map
 from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.pipeline.prepare import read_poses
+from ostiform.pipeline.store import Store, slug
 from ostiform.report.maps import MapPanel, map_figure
 from ostiform.report.style import FLIPPED, PART_COLOURS, figure, styled
-from ostiform.study.study import natural_key
 from ostiform.surface import count_flipped, exact_orientations
 
 RATIOS = (0.5, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0)
@@ -49,8 +50,7 @@ def main() -> None:
 
 def pose_of(name: str, results: Path) -> FloatArray:
     """Return the (4, 4) transform of a shape to the population's frame."""
-    names = sorted((p.stem for p in (results / "shapes").glob("*.npz")), key=natural_key)
-    return np.array(json.loads((results / "poses.json").read_text()))[names.index(name)]
+    return next(p.transform for p in read_poses(Store(results)) if slug(p.id) == name)
 
 
 def draw_counts(embedding: Embedding, sphere: Sphere, pose: FloatArray, path: Path) -> None:

@@ -24,7 +24,8 @@ from ostiform.pipeline.add import add_shapes
 from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.build import Stage, build_study
 from ostiform.pipeline.correspond import correspondence_settings
-from ostiform.pipeline.store import slug
+from ostiform.pipeline.prepare import read_poses
+from ostiform.pipeline.store import Store, slug
 from ostiform.study import read_study
 
 EDGE_MM = 5.0
@@ -75,7 +76,7 @@ def test_the_new_shapes_lie_where_they_would_if_they_had_been_left_out(finished,
     after = read_correspondence(added[0] / "correspondence.h5")
     new = after.ids[len(before.ids) :]
     domain = domain_from_json(json.loads((results / "domain.json").read_text()))
-    poses = np.array(json.loads((results / "poses.json").read_text()))
+    poses = np.array([one.transform for one in read_poses(Store(results))])
     settings = correspondence_settings(read_study(study))
     training = embedded(results, before.ids, domain)
     shared = build_shared_metric(training, before.ids, domain, poses, settings)

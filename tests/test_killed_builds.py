@@ -59,7 +59,7 @@ def test_sweeps_that_were_finished_are_not_done_again(small_study, small_results
 def test_a_worker_that_is_killed_changes_nothing(small_study, small_results, tmp_path):
     output, log = tmp_path / "out", tmp_path / "log"
     with started(log, "embed", small_study, "-o", output, "-w", SMALL_WORKERS, "-v") as process:
-        while process.poll() is None and not any((output / "surveys").glob("*.json")):
+        while process.poll() is None and not any((output / "opened").glob("*.bin")):
             time.sleep(0.01)
         for worker in workers_of(process):
             kill(worker)

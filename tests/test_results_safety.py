@@ -17,13 +17,12 @@ import numpy as np
 import pytest
 
 import ostiform
+from ostiform.artifacts import load, save
 from ostiform.errors import ArtifactError, InputError, OstiformError
 from ostiform.execution import Workers
 from ostiform.pipeline.arrays_file import (
     read_checkpoint,
     read_embeddings,
-    read_shape,
-    write_shape,
 )
 from ostiform.pipeline.events import Warn
 from ostiform.pipeline.folder import locked
@@ -111,7 +110,7 @@ def test_results_of_an_older_layout_are_made_again(small_study, small_results, c
     assert any((copy / "shapes").glob("*.bin"))
     run = run_ostiform("embed", small_study, "-o", copy, "-w", 1, "-v")
     assert run.returncode == 0, run.stderr
-    for folder in ("shapes", "embeddings", "surveys"):
+    for folder in ("opened", "shapes", "embeddings"):
         (kept, made) = (
             {name: item for name, item in contents(output).items() if name.startswith(folder)}
             for output in (small_results, copy)
@@ -142,12 +141,12 @@ def test_an_npz_with_a_pickle_runs_nothing(tmp_path):
 
     path = tmp_path / "evil.npz"
     array = np.array([Malicious()], dtype=object)
-    facts = np.frombuffer(b'{"kind": "shape", "schema": 1}', np.uint8)
+    facts = np.frombuffer(b'{"kind": "embeddings", "schema": 1}', np.uint8)
     np.savez(path, facts=facts, **{"0.vertices": array})  # type: ignore[arg-type]
     np.load(path, allow_pickle=True)["0.vertices"]
     assert (tmp_path / "ran").is_file()  # the trap works
     (tmp_path / "ran").unlink()
-    for read in (read_shape, read_embeddings, read_checkpoint):
+    for read in (read_embeddings, read_checkpoint):
         with pytest.raises(ArtifactError, match="expected the .* that an earlier stage wrote"):
             read(path)
     assert not (tmp_path / "ran").exists()
@@ -326,21 +325,21 @@ def test_a_full_disk_leaves_earlier_artifacts_and_a_later_run_goes_on(
 
 def test_a_file_that_cannot_grow_leaves_the_old_one(tmp_path):
     store, small, large = Store(tmp_path), tiny_shape(50), tiny_shape()
-    with store.writing("shape.npz", "old") as path:
-        write_shape(path, small)
+    with store.writing("shape.bin", "old") as path:
+        save(path, small)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
     try:
         with (
             pytest.raises(ArtifactError, match="File too large"),
-            store.writing("shape.npz", "new") as path,
+            store.writing("shape.bin", "new") as path,
         ):
-            write_shape(path, large)
+            save(path, large)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    assert store.is_current("shape.npz", "old")
-    assert read_shape(store.path("shape.npz")).repairs == ("mended",)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [RECORDS, "shape.npz"]
+    assert store.is_current("shape.bin", "old")
+    assert load(store.path("shape.bin"), Shape).repairs == ("mended",)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [RECORDS, "shape.bin"]
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import openpyxl
 import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-from ostiform.artifacts import load, to_json
+from ostiform.artifacts import load, save
 from ostiform.correspondence import CorrespondenceSettings, correspond
 from ostiform.correspondence.build import shared_metric_of_template
 from ostiform.demo.demonstration import demonstration_truth
@@ -38,18 +38,14 @@ from ostiform.model import (
 from ostiform.pipeline.arrays_file import (
     read_checkpoint,
     read_embeddings,
-    read_shape,
     write_checkpoint,
     write_embeddings,
-    write_shape,
 )
 from ostiform.pipeline.store import Store
-from ostiform.study import Shape, ShapeId, ShapeSurvey, read_study
+from ostiform.study import Shape, ShapeId, read_study
 from ostiform.study.labelmaps import read_label_map
 from ostiform.study.markups import read_markups
-from ostiform.study.naming import LoopFacts
 from ostiform.study.sheet import read_sheet
-from ostiform.study.survey import PartSurvey
 from ostiform.surface import Surface
 from ostiform.surface.files import read_mesh, write_surface
 from tests.fuzz.exchange_targets import exchange_files
@@ -293,14 +289,14 @@ def _artifacts(folder: Path) -> list[Target]:
     shape = folder / "shape.bin"
     loops = {name.partition(".")[2]: loop for name, loop in mesh.loops.items()}
     surface = Surface(10.0 * mesh.points, mesh.faces, loops)
-    write_shape(shape, Shape(ShapeId("S", "0", 0.0), {"A": surface}, (), ("mended",)))
+    save(shape, Shape(ShapeId("S", "0", 0.0), {"A": surface}, (), ("mended",)))
     return [
         _target("correspondence.h5", [correspondence], read_correspondence),
         _target("model.h5", [with_template, without, published], read_model),
         _target("statismo.h5", [published, with_template], read_statismo),
         _target("checkpoint bin", [state], read_checkpoint),
         _target("embeddings bin", [embeddings], read_embeddings),
-        _target("shape bin", [shape], read_shape),
+        _target("shape bin", [shape], lambda path: load(path, Shape)),
         *_json_artifacts(folder, domain),
     ]
 
@@ -309,7 +305,6 @@ def _json_artifacts(folder: Path, domain: Any) -> list[Target]:
     paths = {}
     for name, value in (
         ("domain", domain_to_json(domain)),
-        ("survey", {"kind": "shape survey", "layout": 1, "value": to_json(SURVEY)}),
         ("evaluation", EVALUATION),
         ("record", {"schema": 1, "version": "0", "key": "k", "sha256": "0" * 64}),
     ):
@@ -317,7 +312,6 @@ def _json_artifacts(folder: Path, domain: Any) -> list[Target]:
         paths[name].write_text(json.dumps(value))
     return [
         _target("domain json", [paths["domain"]], lambda path: _stored(path, domain_from_json)),
-        _target("survey json", [paths["survey"]], lambda path: load(path, ShapeSurvey)),
         _target("evaluation json", [paths["evaluation"]], read_evaluation),
         _target("record json", [paths["record"]], _is_current),
     ]
@@ -421,21 +415,6 @@ MARKUPS = {
         },
     ],
 }
-
-SURVEY = ShapeSurvey(
-    ShapeId("S", "0", 0.0),
-    {
-        "LA": PartSurvey(
-            center=np.zeros(3),
-            area=100.0,
-            diagonal=10.0,
-            samples=np.eye(3),
-            loops=(LoopFacts(np.zeros(3), 30.0, 12),),
-            known={"mitral": 0},
-        )
-    },
-    {"LA.RSPV": np.array([1.0, 2.0, 3.0])},
-)
 
 EVALUATION = {
     "schema": 1,

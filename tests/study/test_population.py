@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ostiform.artifacts import from_json, to_json
 from ostiform.errors import InputError
 from ostiform.study import named_population, parsed_settings
 from ostiform.study.shape import ShapeId
@@ -197,17 +196,6 @@ def test_points_in_other_units_are_refused():
     surveys = [survey(str(k), atrium(k)) for k in range(2)]
     found = named_population(parsed_settings(far), surveys)
     assert "check the units and frame of the points" in found.problems[surveys[0].id]
-
-
-def test_a_survey_survives_its_file():
-    item = survey("x", atrium(0), known={"mitral": 2})
-    again = from_json(to_json(item), ShapeSurvey)
-    assert again.id == item.id
-    np.testing.assert_array_equal(again.samples, item.samples)
-    np.testing.assert_array_equal(
-        again.parts["LA"].loops[3].center, item.parts["LA"].loops[3].center
-    )
-    assert dict(again.parts["LA"].known) == {"mitral": 2}
 
 
 def test_a_name_to_close_must_not_be_an_ostium():

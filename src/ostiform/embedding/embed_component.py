@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray
-from ostiform.domain import Sphere
+from ostiform.domain import ConformalHoles, Sphere
 from ostiform.embedding.area_targets import part_scales
 from ostiform.embedding.certificate import certify
 from ostiform.embedding.closed import punctured_start
@@ -30,6 +30,7 @@ def embed(
     sphere: Sphere,
     settings: EmbeddingSettings | None = None,
     pose: FloatArray | None = None,
+    holes: ConformalHoles | None = None,
 ) -> Embedding:
     """Map a component to its sphere (HY 2.1, 2.2; design 3).
 
@@ -43,6 +44,8 @@ def embed(
     pose : (4, 4) float64, optional
         Input to aligned coordinates, column vectors: fixes what rotation the circles leave free.
         The identity by default.
+    holes : ConformalHoles, optional
+        Of `conformal_holes` for this component, pole and pose, where they are known already.
 
     Returns
     -------
@@ -62,7 +65,7 @@ def embed(
     else:
         directions, states = _open(component, sphere, settings, pose)
     certificate = certify(component, sphere, directions)
-    holes = conformal_holes(component, sphere.pole, pose)
+    holes = conformal_holes(component, sphere.pole, pose) if holes is None else holes
     distortion = measure_distortion(component, sphere, directions, holes)
     return Embedding(
         component=component,

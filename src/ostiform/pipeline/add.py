@@ -1,8 +1,8 @@
 """Further shapes in a finished model: embedded, placed and analysed, the others left as they are.
 
 Artifacts, in a new folder: ``correspondence.h5`` and ``model.h5`` (both also in ``optimal/``),
-``warps.h5``, ``shapes/`` and ``embeddings/`` of the new shapes, ``scores.csv``, ``volumes.csv``,
-``domain.json``, ``correspondence.json``, ``failed.json`` and ``added.json``.
+``warps.h5``, ``opened/``, ``shapes/`` and ``embeddings/`` of the new shapes, ``scores.csv``,
+``volumes.csv``, ``domain.json``, ``correspondence.json``, ``failed.json`` and ``added.json``.
 """
 
 import shutil
@@ -35,7 +35,7 @@ from ostiform.model import (
     write_model,
     write_warps,
 )
-from ostiform.pipeline.arrays_file import write_embeddings, write_shape
+from ostiform.pipeline.arrays_file import write_embeddings
 from ostiform.pipeline.correspond import WARPS
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.events import Note, OnEvent, Progress
@@ -47,7 +47,6 @@ from ostiform.pipeline.finished import (
     read_named,
 )
 from ostiform.pipeline.landmarks import stated_marks
-from ostiform.pipeline.prepare import shape_artifact
 from ostiform.pipeline.store import Store, key_of, slug
 from ostiform.study import (
     Shape,
@@ -147,8 +146,9 @@ def add_shapes(
     watch(Progress("add", 0, len(entries)))
     store = Store(output)
     key = key_of("added", str(results.resolve()), [str(entry.id) for entry in entries])
-    shapes = read_named(study, finished, entries)
-    embeddings = embedded_in(study, finished, shapes)
+    prepared = read_named(study, finished, entries, store)
+    shapes = [one.shape for one in prepared]
+    embeddings = embedded_in(study, finished, prepared)
     frozen = read_frozen(results / WARPS)
     ids = [shape.id for shape in shapes]
     samplers = [
@@ -168,8 +168,6 @@ def add_shapes(
         for shape, points, residue in zip(shapes, placed.points, residues, strict=True)
     )
     for shape, own in zip(shapes, embeddings, strict=True):
-        with store.writing(shape_artifact(slug(shape.id)), key) as path:
-            write_shape(path, shape)
         with store.writing(embedding_artifact(slug(shape.id)), key) as path:
             write_embeddings(path, own)
     _write(store, key, finished, correspondence, stored)

@@ -1,4 +1,4 @@
-"""Intermediate results as files of their own: shapes, embeddings, where the sweeps stand."""
+"""Intermediate results as files of their own: embeddings, and where the sweeps stand."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,17 +6,6 @@ from pathlib import Path
 from ostiform.artifacts import load, save
 from ostiform.correspondence import Checkpoint
 from ostiform.embedding import Embedding
-from ostiform.study import Shape
-
-
-def write_shape(path: Path, shape: Shape) -> None:
-    """Write a shape; positions keep every bit."""
-    save(path, shape)
-
-
-def read_shape(path: Path) -> Shape:
-    """Read what `write_shape` wrote; see `ostiform.artifacts.load`."""
-    return load(path, Shape)
 
 
 def write_embeddings(path: Path, embeddings: Sequence[Embedding]) -> None:

@@ -1,27 +1,18 @@
 """Looking at every shape of a study without building anything."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from ostiform.domain import triangle_quality
-from ostiform.errors import OstiformError
 from ostiform.execution import Workers
-from ostiform.pipeline.events import OnEvent, Progress
-from ostiform.pipeline.naming import layout_circles
-from ostiform.pipeline.prepare import prepared_components
-from ostiform.study import (
-    ShapeEntry,
-    ShapeId,
-    ShapeNames,
-    ShapeSurvey,
-    Study,
-    named_population,
-    part_facts,
-    read_shape,
-    read_study,
-    survey_shape,
-)
+from ostiform.pipeline.events import Event, OnEvent, Progress
+from ostiform.pipeline.ingest import ingest_shapes, name_shapes
+from ostiform.pipeline.prepare import prepared_shapes
+from ostiform.pipeline.prepared import read_prepared, shape_artifact
+from ostiform.pipeline.run import Run
+from ostiform.pipeline.store import Store
+from ostiform.study import ShapeEntry, ShapeId, Study, part_facts, read_study
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +67,7 @@ class ShapeCheck:
 def check_study(
     study_path: Path, workers: int = 1, on_event: OnEvent | None = None
 ) -> list[ShapeCheck]:
-    """Read every shape of a study and say whether it can be used.
+    """Read and prepare every shape of a study as a build does, and say whether it can be used.
 
     Raises
     ------
@@ -84,53 +75,43 @@ def check_study(
         If the study itself is wrong.
     """
     study = read_study(study_path)
-    entries = study.entries
-    surveys: list[ShapeSurvey | None] = [None] * len(entries)
-    problems: dict[ShapeId, str] = {}
-    found: list[ShapeCheck | None] = [None] * len(entries)
-    with Workers(workers) as pool:
-        looks = [(study, entry) for entry in entries]
-        for done, outcome in enumerate(pool.each(_look, looks), start=1):
-            surveys[outcome.index] = outcome.value
-            if outcome.error is not None:
-                problems[entries[outcome.index].id] = str(outcome.error)
-            _tell(on_event, "look", done, entries, outcome.index)
-        population = named_population(
-            study.settings,
-            [s for s in surveys if s is not None],
-            layout_circles(study.settings),
-        )
-        problems.update({k: f"shape {k}: {why}" for k, why in population.problems.items()})
+    shapes = study.settings.shapes.model_copy(update={"on_error": "skip"})
+    settings = study.settings.model_copy(update={"shapes": shapes})
+
+    def watch(event: Event) -> None:
+        if isinstance(event, Progress) and on_event is not None:
+            on_event(event)
+
+    with TemporaryDirectory() as folder, Workers(workers) as pool:
+        run = Run(replace(study, settings=settings), Store(Path(folder)), pool, watch)
+        named = name_shapes(run, ingest_shapes(run))
+        usable, failures = prepared_shapes(run, named)
+        problems = {failure.id: failure.reason for failure in (*named.failures, *failures)}
+        names = {ready.id: ready.name for ready, _ in usable}
         tasks = [
-            (study, entry, population.names.get(entry.id), problems.get(entry.id))
-            for entry in entries
+            _CheckTask(study, entry, run.store, names.get(entry.id), problems.get(entry.id))
+            for entry in study.entries
         ]
-        for done, checked in enumerate(pool.each(_check, tasks), start=1):
-            found[checked.index] = checked.result
-            _tell(on_event, "check", done, entries, checked.index)
+        found: list[ShapeCheck | None] = [None] * len(tasks)
+        for outcome in pool.each(_check, tasks):
+            found[outcome.index] = outcome.result
     return [check for check in found if check is not None]
 
 
-def _tell(
-    on_event: OnEvent | None, stage: str, done: int, entries: Sequence[ShapeEntry], index: int
-) -> None:
-    if on_event is not None:
-        on_event(Progress(stage, done, len(entries), str(entries[index].id)))
+@dataclass(frozen=True, slots=True)
+class _CheckTask:
+    study: Study
+    entry: ShapeEntry
+    store: Store
+    name: str | None
+    problem: str | None
 
 
-def _look(task: tuple[Study, ShapeEntry]) -> ShapeSurvey:
-    return survey_shape(*task)
-
-
-def _check(task: tuple[Study, ShapeEntry, ShapeNames | None, str | None]) -> ShapeCheck:
-    study, entry, names, problem = task
-    if problem is not None:
-        return ShapeCheck(entry.id, _rows_of_files(study, entry), (), problem)
-    try:
-        shape = read_shape(study, entry, names)
-        _, repairs = prepared_components(shape)
-    except OstiformError as error:
-        return ShapeCheck(entry.id, _rows_of_files(study, entry), (), str(error))
+def _check(task: _CheckTask) -> ShapeCheck:
+    if task.name is None:
+        rows = _rows_of_files(task.study, task.entry)
+        return ShapeCheck(task.entry.id, rows, (), task.problem)
+    prepared = read_prepared(task.store.path(shape_artifact(task.name)))
     rows = tuple(
         PartRow(
             part,
@@ -142,9 +123,9 @@ def _check(task: tuple[Study, ShapeEntry, ShapeNames | None, str | None]) -> Sha
             1,
             triangle_quality(surface.vertices, surface.faces).worst,
         )
-        for part, surface in shape.parts.items()
+        for part, surface in prepared.shape.parts.items()
     )
-    return ShapeCheck(entry.id, rows, (*shape.repairs, *repairs), None)
+    return ShapeCheck(task.entry.id, rows, (*prepared.shape.repairs, *prepared.repairs), None)
 
 
 def _rows_of_files(study: Study, entry: ShapeEntry) -> tuple[PartRow, ...]:

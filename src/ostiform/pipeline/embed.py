@@ -1,4 +1,4 @@
-"""Stage 2: every component of every shape is mapped to its sphere, and the map is certified.
+"""Stage 3: every component of every shape is mapped to its sphere, and the map is certified.
 
 Artifacts: ``embeddings/NAME.bin``, one per shape, whether certified or not.
 """
@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ostiform.arrays import FloatArray
-from ostiform.domain import BaseDomain
+from ostiform.domain import BaseDomain, ConformalHoles
 from ostiform.embedding import Certificate, EmbeddingSettings, embed, population_problems
 from ostiform.errors import EmbeddingError
-from ostiform.pipeline.arrays_file import read_embeddings, read_shape, write_embeddings
+from ostiform.pipeline.arrays_file import read_embeddings, write_embeddings
 from ostiform.pipeline.events import Warn
-from ostiform.pipeline.prepare import Prepared, prepared_components, shape_artifact
+from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.prepared import read_prepared, shape_artifact
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
 from ostiform.pipeline.store import Store, key_of
 
@@ -40,7 +41,15 @@ def embed_shapes(run: Run, prepared: Prepared) -> Embedded:
     """Embed every prepared shape; those whose map is not certified are left out."""
     method = run.study.settings.embedding.method
     tasks = [
-        _EmbedTask(run.store, shape, pose, prepared.domain, prepared.domain_key, method)
+        _EmbedTask(
+            run.store,
+            shape,
+            pose,
+            prepared.holes.get(shape.name),
+            prepared.domain,
+            prepared.domain_key,
+            method,
+        )
         for shape, pose in zip(prepared.ready, prepared.poses, strict=True)
     ]
     ids = [shape.id for shape in prepared.ready]
@@ -67,6 +76,7 @@ class _EmbedTask:
     store: Store
     shape: Ready
     pose: FloatArray
+    holes: tuple[ConformalHoles, ...] | None
     domain: BaseDomain
     domain_key: str
     method: str
@@ -84,12 +94,12 @@ def _embed(task: _EmbedTask) -> _Mapped:
     artifact = embedding_artifact(task.shape.name)
     embeddings = task.store.read_current(artifact, key, read_embeddings)
     if embeddings is None:
-        shape = read_shape(task.store.path(shape_artifact(task.shape.name)))
-        components, _ = prepared_components(shape)
+        components = read_prepared(task.store.path(shape_artifact(task.shape.name))).components
         spheres = {sphere.name: sphere for sphere in task.domain.spheres}
+        holes = task.holes or (None,) * len(components)
         embeddings = tuple(
-            embed(component, spheres[component.name], settings, task.pose)
-            for component in components
+            embed(component, spheres[component.name], settings, task.pose, own)
+            for component, own in zip(components, holes, strict=True)
         )
         with task.store.writing(artifact, key) as path:
             write_embeddings(path, embeddings)

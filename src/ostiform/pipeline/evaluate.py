@@ -46,12 +46,12 @@ from ostiform.evaluation import (
 )
 from ostiform.execution import Workers
 from ostiform.model import mesh_of_template, read_correspondence, read_model
-from ostiform.pipeline.arrays_file import read_shape
 from ostiform.pipeline.correspond import Corresponded, correspondence_settings
 from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.events import Note, Progress, Warn
 from ostiform.pipeline.landmarks import stated_marks
-from ostiform.pipeline.prepare import Prepared, shape_artifact
+from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
 from ostiform.pipeline.stored_shapes import StoredShapes, stored_shapes

@@ -7,28 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
-from ostiform.artifacts import load
 from ostiform.correspondence import Correspondence, CorrespondenceSettings
 from ostiform.domain import BaseDomain, domain_from_json, population_poses
 from ostiform.embedding import Embedding, EmbeddingSettings, embed, population_problems
 from ostiform.errors import ArtifactError, EmbeddingError, InputError
+from ostiform.execution import Workers
 from ostiform.model import read_correspondence
 from ostiform.pipeline.arrays_file import read_embeddings
-from ostiform.pipeline.arrays_file import read_shape as read_stored_shape
 from ostiform.pipeline.embed import embedding_artifact
-from ostiform.pipeline.prepare import prepared_components, shape_artifact
+from ostiform.pipeline.ingest import ingest_shapes, name_shapes, opened_artifact, stored_survey
+from ostiform.pipeline.prepare import prepared_shapes, read_poses
+from ostiform.pipeline.prepared import PreparedShape, read_prepared, read_shape, shape_artifact
+from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store, slug
-from ostiform.study import (
-    Shape,
-    ShapeEntry,
-    ShapeSurvey,
-    Study,
-    named_population,
-    read_shape,
-    survey_shape,
-)
-
-READ_STAGES = ("look", "read")
+from ostiform.study import ShapeEntry, Study
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,47 +119,36 @@ def new_entries(study: Study, finished: FinishedModel, wanted: Sequence[str]) ->
     return entries
 
 
-def read_named(study: Study, finished: FinishedModel, entries: Sequence[ShapeEntry]) -> list[Shape]:
-    """Read the new shapes, their openings named over the whole population."""
-    surveys = [survey_shape(study, entry) for entry in entries]
+def read_named(
+    study: Study, finished: FinishedModel, entries: Sequence[ShapeEntry], store: Store
+) -> list[PreparedShape]:
+    """Read and prepare the new shapes, their openings named over the whole population."""
     known = [
-        load(finished.store.path(name), ShapeSurvey)
-        for name in (f"surveys/{slug(id)}.json" for id in finished.correspondence.ids)
-        if finished.store.path(name).is_file()
+        stored_survey(finished.store, slug(id))
+        for id in finished.correspondence.ids
+        if finished.store.path(opened_artifact(slug(id))).is_file()
     ]
-    population = named_population(study.settings, [*known, *surveys])
-    shapes = []
-    for entry in entries:
-        if entry.id in population.problems:
-            raise InputError(f"shape {entry.id}: {population.problems[entry.id]}")
-        shapes.append(read_shape(study, entry, population.names[entry.id]))
-    return shapes
+    shapes = study.settings.shapes.model_copy(update={"on_error": "stop"})
+    settings = study.settings.model_copy(update={"shapes": shapes})
+    new = replace(study, settings=settings, entries=tuple(entries))
+    with Workers(1) as pool:
+        run = Run(new, store, pool, lambda event: None)
+        found, _ = prepared_shapes(run, name_shapes(run, ingest_shapes(run), known))
+    return [read_prepared(store.path(shape_artifact(ready.name))) for ready, _ in found]
 
 
-def _poses(study: Study, finished: FinishedModel, shapes: Sequence[Shape]) -> FloatArray:
+def _poses(finished: FinishedModel, new: Sequence[PreparedShape]) -> FloatArray:
     """Return the poses (n, 4, 4) of new shapes in the frame that the domain was laid out in."""
-    unread = {(s, p) for s, p, stage in finished.failed if stage in READ_STAGES}
-    mapped = {(id.subject, id.phase) for id in finished.correspondence.ids}
-    mapped |= {(s, p) for s, p, stage in finished.failed if stage not in READ_STAGES}
-    order = [
-        entry.id for entry in study.entries if (entry.id.subject, entry.id.phase) in mapped - unread
-    ]
-    stored = np.asarray(finished.store.read_json("poses.json"), dtype=np.float64)
-    if stored.shape != (len(order), 4, 4):
-        raise ArtifactError(
-            f"{finished.store.path('poses.json')}: expected the poses of the {len(order)} shapes "
-            f"that {study.path} and the results share, found an array of shape {stored.shape}: "
-            "keep the shapes of the build listed in the study"
-        )
-    known = [read_stored_shape(finished.store.path(shape_artifact(slug(id)))) for id in order]
-    found = population_poses([*known, *shapes])
+    stored = read_poses(finished.store)
+    known = [read_shape(finished.store.path(shape_artifact(slug(one.id)))) for one in stored]
+    found = population_poses([*known, *(one.shape for one in new)])
     anchor = found.reference if found.reference < len(known) else 0
-    frame = stored[anchor] @ np.linalg.inv(found.transforms[anchor])
-    return frozen_floats(frame @ found.transforms[len(known) :], (len(shapes), 4, 4), "poses")
+    frame = stored[anchor].transform @ np.linalg.inv(found.transforms[anchor])
+    return frozen_floats(frame @ found.transforms[len(known) :], (len(new), 4, 4), "poses")
 
 
 def embedded_in(
-    study: Study, finished: FinishedModel, shapes: Sequence[Shape]
+    study: Study, finished: FinishedModel, shapes: Sequence[PreparedShape]
 ) -> list[tuple[Embedding, ...]]:
     """Map new shapes to the spheres of a finished model.
 
@@ -185,8 +166,8 @@ def embedded_in(
         for id in finished.correspondence.ids
     ]
     made = []
-    for shape, pose in zip(shapes, _poses(study, finished, shapes), strict=True):
-        components, _ = prepared_components(shape)
+    for prepared, pose in zip(shapes, _poses(finished, shapes), strict=True):
+        shape, components = prepared.shape, prepared.components
         for component in components:
             if component.name not in spheres:
                 raise InputError(

@@ -36,13 +36,13 @@ from ostiform.model import (
     read_model,
 )
 from ostiform.pipeline.animations import write_animations
-from ostiform.pipeline.arrays_file import read_shape
 from ostiform.pipeline.correspond import Corresponded
 from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.dynamics import write_dynamics
 from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.events import OnEvent, Progress
-from ostiform.pipeline.prepare import Prepared, shape_artifact
+from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.report_maps import map_records, state_view
 from ostiform.pipeline.report_record import (
     RunRecord,

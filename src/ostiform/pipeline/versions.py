@@ -7,8 +7,8 @@ gets the next number in the same commit, and what it feeds is made again with it
 
 VERSIONS = {
     "demonstration": 1,
-    "survey": 1,
-    "shape": 1,
+    "ingest": 1,
+    "prepare": 1,
     "domain": 1,
     "embedding": 1,
     "paper chain": 1,

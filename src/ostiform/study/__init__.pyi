@@ -3,11 +3,14 @@ from .markups import read_markups as read_markups
 from .naming import LoopFacts as LoopFacts
 from .naming import loop_facts as loop_facts
 from .naming import named_loops as named_loops
+from .opened import OpenedShape as OpenedShape
 from .parts import internal_factors as internal_factors
 from .population import PopulationNames as PopulationNames
 from .population import ShapeNames as ShapeNames
 from .population import named_population as named_population
 from .proposal import proposed_study as proposed_study
+from .reading import named_shape as named_shape
+from .reading import opened_shape as opened_shape
 from .reading import part_facts as part_facts
 from .reading import read_shape as read_shape
 from .reading import survey_shape as survey_shape
@@ -23,3 +26,4 @@ from .study import Study as Study
 from .study import natural_key as natural_key
 from .study import read_study as read_study
 from .survey import ShapeSurvey as ShapeSurvey
+from .survey import shape_survey as shape_survey

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -53,8 +52,6 @@ class OpenPart:
 
     Attributes
     ----------
-    file : Path
-        Where it was read from.
     vertices : (V, 3) float64, mm
         In LPS.
     faces : (F, 3) int64
@@ -67,7 +64,6 @@ class OpenPart:
         What was changed on the way, one sentence each.
     """
 
-    file: Path
     vertices: Annotated[FloatArray, Axes("V", 3)]
     faces: Annotated[IntArray, Axes("F", 3)]
     loops: tuple[IntArray, ...]
@@ -84,7 +80,7 @@ def internal_factors(settings: StudySettings) -> FloatArray:
 
 
 def opened_part(
-    settings: StudySettings, part: str, file: Path, mesh: RawMesh, cuts: Mapping[str, Cut]
+    settings: StudySettings, part: str, mesh: RawMesh, cuts: Mapping[str, Cut]
 ) -> OpenPart:
     """Mend, open, orient and check the surface of one part.
 
@@ -92,8 +88,6 @@ def opened_part(
     ----------
     settings : StudySettings
     part : str
-    file : Path
-        Where the mesh comes from.
     mesh : RawMesh
         Millimetres in LPS.
     cuts : mapping of str to Cut
@@ -123,7 +117,7 @@ def opened_part(
         ostium: _loop_of_cap(ostium, loops, np.searchsorted(kept, rim))
         for ostium, rim in rims.items()
     }
-    opened = OpenPart(file, mended.vertices[kept], faces, loops, known, mended.repairs)
+    opened = OpenPart(mended.vertices[kept], faces, loops, known, mended.repairs)
     opened = _without_nicks(opened, len(settings.parts[part].ostia))
     if opened.repairs and not settings.repair:
         raise InputError(

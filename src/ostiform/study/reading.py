@@ -1,13 +1,15 @@
 """From the files of one shape to its surfaces: oriented, opened, named and sewn at the seams."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
+from ostiform.study.markups import Markups
 from ostiform.study.naming import loop_facts, named_loops
+from ostiform.study.opened import OpenedShape
 from ostiform.study.parts import (
     OpenPart,
     PartFacts,
@@ -33,12 +35,59 @@ from ostiform.surface import (
 )
 
 
-def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None) -> Shape:
-    """Read the parts of one shape and make them surfaces with named openings.
+def opened_shape(study: Study, entry: ShapeEntry) -> OpenedShape:
+    """Read the files of one shape: the only place where they are.
 
     Positions become millimetres in LPS, faces counter-clockwise seen from outside; flaws of the
-    meshes are mended (and said so in `Shape.repairs`), caps are opened, loops named, and the rims
-    at seams given the same vertices.
+    meshes are mended, caps opened and cuts made.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, damaged or of another frame.
+    TopologyError
+        If a part is not one oriented manifold surface of genus 0.
+    """
+    settings = study.settings
+    try:
+        markups = shape_markups(entry)
+        opened = _opened_parts(settings, entry, markups)
+    except (InputError, TopologyError) as error:
+        raise type(error)(f"shape {entry.id}: {error}") from None
+    known = _known_by_seams(settings, opened)
+    return OpenedShape(
+        entry.id,
+        {part: replace(item, known=known[part]) for part, item in opened.items()},
+        stated_points(settings, markups),
+        entry.notes,
+    )
+
+
+def named_shape(settings: StudySettings, opened: OpenedShape, names: ShapeNames) -> Shape:
+    """Return the surfaces of an opened shape with named openings, sewn at the seams.
+
+    Accessory openings are closed, and the rims at seams given the same vertices.
+
+    Raises
+    ------
+    InputError
+        If the rims of a seam do not coincide.
+    TopologyError
+        If a part cannot be closed or sewn.
+    """
+    try:
+        closed = {p: _with_closed(names, p, item) for p, item in opened.parts.items()}
+        surfaces = {
+            part: Surface(item.vertices, item.faces, _loops_by_name(item))
+            for part, item in closed.items()
+        }
+        return _finished(settings, opened, closed, surfaces, names.notes)
+    except (InputError, TopologyError) as error:
+        raise type(error)(f"shape {opened.id}: {error}") from None
+
+
+def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None) -> Shape:
+    """Read one shape alone: `opened_shape` and `named_shape`.
 
     Parameters
     ----------
@@ -50,52 +99,24 @@ def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None)
 
     Raises
     ------
-    InputError
-        If a file is missing, damaged or of another frame, the loops do not fit the ostia, or the
-        rims of a seam do not coincide.
-    TopologyError
-        If a part is not one oriented manifold surface of genus 0.
+    InputError, TopologyError
+        Those of both, and if the loops do not fit the ostia.
     """
-    settings = study.settings
+    opened = opened_shape(study, entry)
+    if names is not None:
+        return named_shape(study.settings, opened, names)
     try:
-        opened = _opened_parts(settings, entry)
-        if names is None:
-            known = _known_by_seams(settings, opened)
-            surfaces = {
-                part: _named(settings, entry, part, opened[part], known[part])
-                for part in settings.parts
-            }
-        else:
-            opened = {part: _with_closed(names, part, opened[part]) for part in settings.parts}
-            surfaces = {
-                part: Surface(item.vertices, item.faces, _loops_by_name(item))
-                for part, item in opened.items()
-            }
-        surfaces, seam_repairs = _sewn(settings, surfaces)
+        surfaces = {
+            part: _named(study.settings, entry, part, item) for part, item in opened.parts.items()
+        }
+        return _finished(study.settings, opened, opened.parts, surfaces, ())
     except (InputError, TopologyError) as error:
         raise type(error)(f"shape {entry.id}: {error}") from None
-    repairs = [f"{part}: {repair}" for part in settings.parts for repair in opened[part].repairs]
-    notes = () if names is None else names.notes
-    return Shape(
-        entry.id, surfaces, settings.seam_pairs, (*entry.notes, *repairs, *notes, *seam_repairs)
-    )
 
 
 def survey_shape(study: Study, entry: ShapeEntry) -> ShapeSurvey:
-    """Read one shape as far as naming its openings asks for.
-
-    Errors are those of `read_shape`, but for its names and seams.
-    """
-    try:
-        opened = _opened_parts(study.settings, entry)
-    except (InputError, TopologyError) as error:
-        raise type(error)(f"shape {entry.id}: {error}") from None
-    known = _known_by_seams(study.settings, opened)
-    return shape_survey(
-        entry.id,
-        {part: replace(item, known=known[part]) for part, item in opened.items()},
-        stated_points(study.settings, shape_markups(entry)),
-    )
+    """Read one shape alone as far as naming its openings asks for."""
+    return shape_survey(opened_shape(study, entry))
 
 
 def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
@@ -106,13 +127,28 @@ def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
         return None
 
 
-def _opened_parts(settings: StudySettings, entry: ShapeEntry) -> dict[str, OpenPart]:
-    meshes, cuts = part_meshes(settings, entry, part_cuts(settings, entry, shape_markups(entry)))
+def _finished(
+    settings: StudySettings,
+    opened: OpenedShape,
+    parts: Mapping[str, OpenPart],
+    surfaces: Mapping[str, Surface],
+    notes: Sequence[str],
+) -> Shape:
+    surfaces, seam_repairs = _sewn(settings, surfaces)
+    repairs = [f"{part}: {repair}" for part, item in parts.items() for repair in item.repairs]
+    said = (*opened.notes, *repairs, *notes, *seam_repairs)
+    return Shape(opened.id, surfaces, settings.seam_pairs, said)
+
+
+def _opened_parts(
+    settings: StudySettings, entry: ShapeEntry, markups: Markups
+) -> dict[str, OpenPart]:
+    meshes, cuts = part_meshes(settings, entry, part_cuts(settings, entry, markups))
     opened = {}
     for part, mesh in meshes.items():
         file = entry.files[part]
         try:
-            opened[part] = opened_part(settings, part, file, mesh, cuts[part])
+            opened[part] = opened_part(settings, part, mesh, cuts[part])
         except (InputError, TopologyError) as error:
             raise type(error)(f"{part} ({file}): {error}") from None
     return opened
@@ -183,7 +219,6 @@ def _named(
     entry: ShapeEntry,
     part: str,
     opened: OpenPart,
-    known: Mapping[str, int],
 ) -> Surface:
     as_in_file = opened.vertices / internal_factors(settings)
     facts = [loop_facts(as_in_file, loop) for loop in opened.loops]
@@ -191,7 +226,7 @@ def _named(
     points = _rough_points(settings, entry, part)
     try:
         named = named_loops(
-            settings.parts[part].ostia, facts, known, points, diagonal, settings.units
+            settings.parts[part].ostia, facts, opened.known, points, diagonal, settings.units
         )
     except InputError as error:
         raise InputError(f"{part} ({entry.files[part]}): {error}") from None

@@ -1,4 +1,4 @@
-"""One shape of a study: the parts of one subject at one phase."""
+"""One shape of a study: the parts of one subject at one phase, before and after naming."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.study.naming import LoopFacts, loop_facts
-from ostiform.study.parts import OpenPart
+from ostiform.study.opened import OpenedShape
 from ostiform.study.shape import ShapeId
 from ostiform.surface import face_areas
 from ostiform.values import Axes, value
@@ -93,15 +93,13 @@ def part_survey(
     )
 
 
-def shape_survey(
-    shape: ShapeId, parts: Mapping[str, OpenPart], points: Mapping[str, FloatArray]
-) -> ShapeSurvey:
-    """Return the facts of the opened parts of a shape."""
+def shape_survey(opened: OpenedShape) -> ShapeSurvey:
+    """Return the facts of an opened shape."""
     return ShapeSurvey(
-        shape,
+        opened.id,
         {
             name: part_survey(part.vertices, part.faces, part.loops, part.known)
-            for name, part in parts.items()
+            for name, part in opened.parts.items()
         },
-        points,
+        opened.points,
     )

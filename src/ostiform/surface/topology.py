@@ -4,6 +4,8 @@ Everything here works on faces alone (indices of vertices), so it holds for any 
 vertices; only `oriented_outward` and `enclosed_volume` look at positions.
 """
 
+from typing import TypeAlias
+
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
@@ -13,6 +15,9 @@ from ostiform.surface.topology_kernels import (
     labels_of_links,
     propagated_flips,
 )
+
+_ByEdge: TypeAlias = tuple[IntArray, IntArray, IntArray, IntArray]
+"""What `_half_edges_by_edge` returns: sorted once, for all that is asked of one mesh."""
 
 
 def half_edges(faces: IntArray) -> IntArray:
@@ -114,9 +119,13 @@ def boundary_loops(faces: IntArray) -> tuple[IntArray, ...]:
         If an edge has three or more faces, the faces are not consistently oriented, or two
         boundaries meet at a vertex.
     """
-    edges, index, count = unique_edges(faces)
+    return _loops(faces, _half_edges_by_edge(faces))
+
+
+def _loops(faces: IntArray, by_edge: _ByEdge) -> tuple[IntArray, ...]:
+    edges, index, count, _ = by_edge
     _refuse_non_manifold_edges(edges, count)
-    if not is_consistently_oriented(faces):
+    if not _are_oriented_alike(faces, by_edge):
         raise TopologyError(
             "expected faces oriented alike, found neighbouring faces that run along their common "
             "edge in the same direction: orient the surface first"
@@ -149,14 +158,22 @@ def connected_components(faces: IntArray) -> IntArray:
     Faces are connected through edges (not through single vertices). Labels count from 0 in the
     order of each piece's first face.
     """
-    one, two = _joined_half_edges(faces)
+    return _pieces(faces, _half_edges_by_edge(faces))
+
+
+def _pieces(faces: IntArray, by_edge: _ByEdge) -> IntArray:
+    one, two = _joined_half_edges(by_edge)
     return graph_labels(one // 3, two // 3, len(faces))
 
 
 def euler_characteristic(faces: IntArray) -> int:
     """Return vertices - edges + faces, counting only vertices that a face uses."""
+    return _euler(faces, _half_edges_by_edge(faces))
+
+
+def _euler(faces: IntArray, by_edge: _ByEdge) -> int:
     n_vertices = int(referenced_vertices(faces, int(faces.max(initial=-1)) + 1).sum())
-    return n_vertices - len(unique_edges(faces)[0]) + len(faces)
+    return n_vertices - len(by_edge[0]) + len(faces)
 
 
 def genus(faces: IntArray) -> int:
@@ -169,15 +186,16 @@ def genus(faces: IntArray) -> int:
     TopologyError
         If the mesh is not a consistently oriented manifold.
     """
-    vertices = non_manifold_vertices(faces)
+    by_edge = _half_edges_by_edge(faces)
+    vertices = _bow_ties(faces, by_edge)
     if len(vertices):
         raise TopologyError(
             f"expected one fan of faces round every vertex, found {len(vertices)} vertices where "
             f"the surface only touches itself, the first with index {int(vertices[0])}"
         )
-    n_loops = len(boundary_loops(faces))
-    n_pieces = int(connected_components(faces).max(initial=-1)) + 1
-    return (2 * n_pieces - n_loops - euler_characteristic(faces)) // 2
+    n_loops = len(_loops(faces, by_edge))
+    n_pieces = int(_pieces(faces, by_edge).max(initial=-1)) + 1
+    return (2 * n_pieces - n_loops - _euler(faces, by_edge)) // 2
 
 
 def non_manifold_vertices(faces: IntArray) -> IntArray:
@@ -186,7 +204,11 @@ def non_manifold_vertices(faces: IntArray) -> IntArray:
     Two fans that meet only at the vertex make it non-manifold; edges with three or more faces
     are reported by `non_manifold_edges`, not here.
     """
-    one, two = _joined_half_edges(faces)
+    return _bow_ties(faces, _half_edges_by_edge(faces))
+
+
+def _bow_ties(faces: IntArray, by_edge: _ByEdge) -> IntArray:
+    one, two = _joined_half_edges(by_edge)
     corner_count = faces.size
     following = np.roll(np.arange(corner_count).reshape(-1, 3), -1, axis=1).reshape(-1)
     vertex = faces.reshape(-1)
@@ -228,8 +250,12 @@ def without_unreferenced(faces: IntArray, n_vertices: int) -> tuple[IntArray, In
 
 def is_consistently_oriented(faces: IntArray) -> bool:
     """Return whether no two faces run along a common edge in the same direction."""
+    return _are_oriented_alike(faces, _half_edges_by_edge(faces))
+
+
+def _are_oriented_alike(faces: IntArray, by_edge: _ByEdge) -> bool:
     directed = half_edges(faces)
-    _, index, count = unique_edges(faces)
+    _, index, count, _ = by_edge
     is_forward = directed[:, 0] < directed[:, 1]
     n_forward = np.bincount(index, weights=is_forward, minlength=len(count))
     return bool((n_forward <= 1).all() and (count - n_forward <= 1).all())
@@ -248,7 +274,7 @@ def consistently_oriented(faces: IntArray) -> IntArray:
     _, sides = edge_faces(faces)
     inner = sides[:, 1] >= 0
     neighbours = sides[inner]  # (n, 2)
-    one, two = _joined_half_edges(faces)
+    one, two = _joined_half_edges(_half_edges_by_edge(faces))
     start = faces.reshape(-1)
     same_direction = start[one] == start[two]
     flip, is_orientable = propagated_flips(neighbours, same_direction, len(faces))
@@ -337,7 +363,7 @@ def _refuse_non_manifold_edges(edges: IntArray, count: IntArray) -> None:
         )
 
 
-def _half_edges_by_edge(faces: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+def _half_edges_by_edge(faces: IntArray) -> _ByEdge:
     """Return what `unique_edges` does, and the half-edges (3F,) in the order of their edges."""
     directed = half_edges(faces)
     low = np.minimum(directed[:, 0], directed[:, 1])
@@ -346,9 +372,9 @@ def _half_edges_by_edge(faces: IntArray) -> tuple[IntArray, IntArray, IntArray, 
     return edges, index, count, order
 
 
-def _joined_half_edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+def _joined_half_edges(by_edge: _ByEdge) -> tuple[IntArray, IntArray]:
     """Return pairs (one, two) of half-edges of the same edge, in the order of the edges."""
-    _, index, _, order = _half_edges_by_edge(faces)
+    _, index, _, order = by_edge
     edge = index[order]
     joined = np.flatnonzero(edge[1:] == edge[:-1])
     return order[joined], order[joined + 1]
