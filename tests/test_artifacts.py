@@ -97,7 +97,7 @@ def bits(held):
     return type(held), held
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(fields=st.lists(typed(), min_size=1, max_size=3))
 def test_every_value_comes_back_bit_for_bit(tmp_path, fields):
     kind = made_class({f"field{n}": hint for n, (hint, _) in enumerate(fields)})
@@ -202,7 +202,7 @@ def load_sound(folder, content):
     return load(folder / "sound", Sample)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_damaged_json_gives_a_value_or_the_one_error(tmp_path, data):
     path = tmp_path / "sample.json"

@@ -44,7 +44,7 @@ N_SHAPES = 6
 RELATIVE = 1e-9
 """Of the largest value: round-off of a body some hundred diameters from the origin."""
 
-laws = settings(max_examples=25, deadline=None, derandomize=True)
+laws = settings(max_examples=25, derandomize=True)
 generators = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 factors = st.floats(0.01, 100.0)
 

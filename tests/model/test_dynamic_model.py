@@ -412,7 +412,7 @@ def test_dynamic_operations_refuse():
         cycle_shapes(cycles, np.zeros(9), np.zeros(1))
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(0, 100))
 def test_shifting_the_start_of_the_cycle_shifts_the_trajectories(shift):
     shapes = population(2, 5, np.random.default_rng(3), two_part_template(5, 8))

@@ -140,7 +140,7 @@ def test_the_scores_of_the_training_shapes_are_uncorrelated(shapes, model):
     )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 1000), scale=st.sampled_from([0.01, 1.0, 100.0]))
 def test_moving_and_scaling_the_population_moves_and_scales_the_model(seed, scale):
     rng = np.random.default_rng(seed)
