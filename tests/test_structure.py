@@ -12,6 +12,7 @@ import ostiform
 SOURCE = Path(ostiform.__file__).parent
 ORDER = [
     "errors",
+    "kernel_cache",
     "arrays",
     "values",
     "artifacts",

@@ -35,8 +35,13 @@ def __getattr__(name: str) -> Any:
     """Import the numerical libraries when a name of `ostiform.api` is first used."""
     if name not in __all__:
         raise AttributeError(f"module 'ostiform' has no attribute {name!r}")
-    from ostiform import api
+    import warnings
 
+    from ostiform import api
+    from ostiform.kernel_cache import kernels_kept
+
+    if note := kernels_kept():
+        warnings.warn(note, stacklevel=2)
     return getattr(api, name)
 
 

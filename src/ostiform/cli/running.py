@@ -21,6 +21,7 @@ from ostiform.errors import (
     OstiformError,
     TopologyError,
 )
+from ostiform.kernel_cache import kernels_kept
 
 EXIT_CODES: dict[type[OstiformError], int] = {
     InputError: 2,
@@ -37,6 +38,8 @@ def run_command(common: Common, work: Callable[[pipeline.OnEvent], int]) -> int:
     """Do a command's work and return its exit code; errors become one sentence each."""
     try:
         with watching(common.quiet, common.verbose) as on_event:
+            if note := kernels_kept():
+                on_event(pipeline.Warn(note))
             return work(on_event)
     except OstiformError as error:
         if common.debug:
