@@ -3,7 +3,7 @@ import pickle  # noqa: TID251 (what multiprocessing uses)
 import numpy as np
 import pytest
 
-from ostiform.arrays import frozen_floats, frozen_ints, frozen_mapping
+from ostiform.arrays import frozen_floats, frozen_ints, frozen_mapping, read_only
 from ostiform.errors import InputError
 
 
@@ -41,3 +41,12 @@ def test_frozen_mappings_keep_order_refuse_change_and_travel_between_processes()
     assert pickle.loads(pickle.dumps(mapping)) == {"b": 1, "a": 2}
     with pytest.raises(TypeError):
         mapping["c"] = 3  # type: ignore[index]
+
+
+def test_a_read_only_view_shows_the_same_numbers_and_leaves_the_array_writable():
+    array = np.arange(6.0)
+    view = read_only(array)
+    assert view.base is array
+    assert not view.flags.writeable
+    assert array.flags.writeable
+    np.testing.assert_array_equal(read_only(array.reshape(2, 3).T), array.reshape(2, 3).T)

@@ -13,6 +13,7 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 K = TypeVar("K")
+Numbers = TypeVar("Numbers", bound=np.generic)
 T = TypeVar("T")
 
 
@@ -74,6 +75,17 @@ def frozen_array(values: ArrayLike, dtype: Any, name: str, gaps: bool = False) -
     if not gaps and array.dtype.kind == "f":
         _check_finite(array, name)
     return array
+
+
+def read_only(array: NDArray[Numbers]) -> NDArray[Numbers]:
+    """Return a contiguous view that cannot be written through (a copy if it was not contiguous).
+
+    A kernel is compiled for every type it meets, and whether an array may be written to is part of
+    the type: given every input so, it is compiled once.
+    """
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
 
 
 def shape_error(array: NDArray[Any], shape: Sequence[int | str | None], name: str) -> InputError:

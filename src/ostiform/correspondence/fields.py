@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, read_only
 from ostiform.correspondence.field_kernels import (
     BOOST,
     BUMP,
@@ -246,9 +246,10 @@ def active(basis: FieldBasis, places: OnSpheres, directions: FloatArray) -> Acti
     directions : (P, 3) float64
         Current positions, unit vectors.
     """
-    starts, fields = active_fields(directions, places.sphere, basis.table, basis.labels)
+    points = read_only(directions)
+    starts, fields = active_fields(points, places.sphere, basis.table, basis.labels)
     vectors = field_vectors(
-        directions,
+        points,
         places.sphere,
         places.curve,
         starts,
@@ -296,7 +297,7 @@ def flow(
     count = steps or max(1, int(np.ceil(fastest / LONGEST_SUBSTEP)))
     # Points speed up on the way, as fields vary over their support, but not beyond twice.
     margin = min(2.0 * fastest, np.pi)
-    points = np.ascontiguousarray(directions)
+    points = read_only(directions)
     moved: FloatArray = flow_points(points, places.sphere, places.curve, *merged, margin, count)
     return moved
 
@@ -324,7 +325,9 @@ def orientation_shares(template: Template, directions: FloatArray) -> FloatArray
     """
     before = determinants(template.points, template.faces)
     shares = np.ones(len(before))
-    np.divide(determinants(directions, template.faces), before, shares, where=before > 0.0)
+    np.divide(
+        determinants(read_only(directions), template.faces), before, shares, where=before > 0.0
+    )
     return shares
 
 
@@ -334,6 +337,6 @@ def _merged(basis: FieldBasis, coefficients: FloatArray) -> MergedVelocity:
 
 
 def _greatest(merged: MergedVelocity, places: OnSpheres, directions: FloatArray) -> float:
-    points = np.ascontiguousarray(directions)
+    points = read_only(directions)
     rates = velocities(points, places.sphere, places.curve, *merged)
     return float(np.sqrt((rates**2).sum(axis=1).max(initial=0.0)))

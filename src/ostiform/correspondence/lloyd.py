@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.arrays import BoolArray, FloatArray, IntArray, read_only
 from ostiform.correspondence.field_kernels import determinants
 from ostiform.correspondence.sampling import ShapeSampler, sample
 from ostiform.correspondence.shapes import Shapes
@@ -330,8 +330,8 @@ def squeezed_points(
 
 def _squeezed_corners(faces: IntArray, before: FloatArray, after: FloatArray) -> BoolArray:
     squeezed = np.zeros(len(before), dtype=bool)
-    room = LEAST_SHARE * determinants(before, faces)
-    squeezed[faces[determinants(after, faces) < room]] = True
+    room = LEAST_SHARE * determinants(read_only(before), faces)
+    squeezed[faces[determinants(read_only(after), faces) < room]] = True
     return squeezed
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.arrays import BoolArray, FloatArray, IntArray, read_only
 from ostiform.domain import Circle
 from ostiform.embedding.energy import (
     EnergyWeights,
@@ -134,7 +134,7 @@ def map_problem(
         entries, slots = entries[1:], slots - 1
     starts = np.searchsorted(entries, np.arange(n_dofs + 1) * n_dofs)
     return MapProblem(
-        faces=faces,
+        faces=read_only(faces),
         reference=reference,
         rims=tuple(rims),
         free=free,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.arrays import BoolArray, FloatArray, IntArray, read_only
 
 # A collapse may turn a triangle by at most 60 degrees.
 LEAST_COSINE = 0.5
@@ -125,8 +125,8 @@ def collapsed_edges(
     )
     allowed = (curve_of_vertex[removed] < 0) | on_curve_edge
     target = _chosen_collapses(
-        mesh.vertices,
-        np.ascontiguousarray(mesh.faces),
+        read_only(mesh.vertices),
+        read_only(mesh.faces),
         _incident_faces(mesh.faces, len(mesh.vertices)),
         np.stack([kept[allowed], removed[allowed]], axis=1),
         curve_of_vertex,

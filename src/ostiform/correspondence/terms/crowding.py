@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import FloatArray
+from ostiform.arrays import FloatArray, read_only
 from ostiform.correspondence.assembly_kernels import determinant_derivatives
 from ostiform.correspondence.field_kernels import active_fields, determinants, field_vectors
 from ostiform.correspondence.fields import FieldBasis, orientation_shares
@@ -76,13 +76,13 @@ def crowding_residuals(
     shares = orientation_shares(template, directions)
     crowded = np.flatnonzero(shares < ROOMY)
     corners, local = np.unique(template.faces[crowded], return_inverse=True)
-    points = directions[corners]
-    sphere, curve = template.sphere[corners], template.curve[corners]
+    points = read_only(directions[corners])
+    sphere, curve = read_only(template.sphere[corners]), read_only(template.curve[corners])
     starts, fields = active_fields(points, sphere, basis.table, basis.labels)
     vectors = field_vectors(
         points, sphere, curve, starts, fields, basis.table, basis.labels, basis.circles
     )
-    local = local.reshape(-1, 3)
+    local = read_only(local.reshape(-1, 3))
     slopes = determinant_derivatives(points, local, starts, fields, vectors, len(basis))
     root = np.sqrt(STRENGTH)
     slopes *= root / determinants(points, local)[:, None]
