@@ -255,7 +255,7 @@ def test_points_of_markups_are_read(tmp_path):
             lambda m: m["markups"][1].update(controlPoints=[{"position": [0, 0, 0]}]),
             "three or more",
         ),
-        (lambda m: m["markups"][0].update(coordinateUnits="cm"), "coordinateUnits mm, found cm"),
+        (lambda m: m["markups"][0].update(coordinateUnits="ft"), "coordinateUnits mm, .* found ft"),
         (lambda m: m["markups"][1]["controlPoints"][0].update(position=["a"]), "Markups schema"),
         (lambda m: m.update(markups=3), "expected a list of markups"),
         (lambda m: m.pop("markups"), "expected 3D Slicer Markups"),

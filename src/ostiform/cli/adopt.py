@@ -34,7 +34,7 @@ class Source:
     parts: Annotated[
         str, Parameter(help='Names of the parts, in order of the cell array "part".')
     ] = "surface"
-    units: Annotated[Literal["mm", "cm", "m"], Parameter(help="Of the files.")] = "mm"
+    units: Annotated[Literal["mm", "cm", "m", "um"], Parameter(help="Of the files.")] = "mm"
     frame: Annotated[Literal["LPS", "RAS"], Parameter(help="Of the files.")] = "LPS"
 
 

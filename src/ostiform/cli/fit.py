@@ -25,7 +25,7 @@ class Files:
     kind: Annotated[
         TargetKind, Parameter(help="What the files are; auto tells by what they hold.")
     ] = "auto"
-    units: Annotated[Literal["mm", "cm", "m"], Parameter(help="Of the files.")] = "mm"
+    units: Annotated[Literal["mm", "cm", "m", "um"], Parameter(help="Of the files.")] = "mm"
     frame: Annotated[
         Literal["LPS", "RAS"], Parameter(help="Of files that do not state theirs.")
     ] = "LPS"

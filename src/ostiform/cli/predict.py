@@ -28,7 +28,7 @@ def predict(
         str, Parameter(help="Fractions of the cycle of the shapes, as 0 or 0,0.35.")
     ] = "0",
     frames: Annotated[int, Parameter(help="How many times of the cycle to predict.")] = 20,
-    units: Annotated[Literal["mm", "cm", "m"], Parameter(help="Of the files.")] = "mm",
+    units: Annotated[Literal["mm", "cm", "m", "um"], Parameter(help="Of the files.")] = "mm",
     frame: Annotated[Literal["LPS", "RAS"], Parameter(help="Of the files.")] = "LPS",
     output: Output = Path("predicted"),
     common: Common = DEFAULTS,

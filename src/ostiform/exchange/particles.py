@@ -46,6 +46,20 @@ class ProjectRow:
         )
         return tuple(dict.fromkeys(found))
 
+    @property
+    def is_excluded(self) -> bool:
+        """Whether ShapeWorks leaves the subject out."""
+        return self.columns.get("excluded", "").strip().lower() in ("true", "1", "yes")
+
+    @property
+    def groups(self) -> dict[str, str]:
+        """The columns ``group_...`` without that word, for example ``sex``."""
+        return {
+            name.removeprefix("group_"): value
+            for name, value in self.columns.items()
+            if name.startswith("group_")
+        }
+
 
 def write_particles(path: Path, points: FloatArray) -> None:
     """Write points (P, 3), one per line, with every digit.

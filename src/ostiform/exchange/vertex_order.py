@@ -49,12 +49,15 @@ class OrderedShapes:
     mesh : ModelMesh
     notes : tuple of str
         What was concluded, one sentence each.
+    covariates : tuple of mapping of str to str
+        Of each shape, where the source states them; empty where it does not.
     """
 
     ids: Annotated[tuple[ShapeId, ...], Axes("N")]
     points: Annotated[FloatArray, Axes("N", "P", 3)]
     mesh: Annotated[ModelMesh, Axes("P")]
     notes: tuple[str, ...] = ()
+    covariates: tuple[Mapping[str, str], ...] = ()
 
 
 def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple[SourceFile, ...]:

@@ -22,19 +22,23 @@ from ostiform.fitting.types import (
 from ostiform.study import read_markups
 from ostiform.surface import (
     MESH_SUFFIXES,
+    MM_PER_UNIT,
     MendedMesh,
     RawMesh,
     boundary_loops,
+    carp_points,
+    lps_factors,
     mended_mesh,
-    read_mesh,
+    placed_vertices,
+    read_cloud_or_mesh,
     read_polylines,
 )
 
+MARKUPS_SUFFIXES = (".json", ".fcsv")
 TEXT_SUFFIXES = (".txt", ".csv", ".xyz", ".pts", ".asc", ".particles")
 CURVE_SUFFIXES = (".vtp", ".vtk")
-MM_PER_UNIT: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
-SEPARATORS = re.compile(r"[,;\s]+")
+_SEPARATORS = re.compile(r"[,\s]+")
+_NAME_COLUMNS = ("name", "label", "landmark")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +49,7 @@ class FileRules:
     ----------
     kind : {"auto", "surface", "points", "contours", "landmarks"}
         What the files are; ``auto`` tells by what they hold.
-    units : {"mm", "cm", "m"}
+    units : {"mm", "cm", "m", "um"}
     frame : {"LPS", "RAS"}
         Where a file does not state its own.
     """
@@ -100,7 +104,7 @@ def read_targets(
 
 def read_named_points(path: Path, rules: FileRules) -> tuple[tuple[str, ...], FloatArray]:
     """Read labels and positions (n, 3) in mm (LPS): rows ``name x y z``, or Slicer Markups."""
-    if path.suffix.lower() == ".json":
+    if path.suffix.lower() in MARKUPS_SUFFIXES:
         points = read_markups(path).points
         if not points:
             raise InputError(f"{path}: expected labelled points, found none")
@@ -117,7 +121,7 @@ def read_named_points(path: Path, rules: FileRules) -> tuple[tuple[str, ...], Fl
         rows.append(_numbers(path, number, words[1:]))
     if not rows:
         raise InputError(f"{path}: expected labelled points, found none")
-    return tuple(labels), np.array(rows) * _factors(rules, None)
+    return tuple(labels), np.array(rows) * lps_factors(rules.units, rules.frame)
 
 
 def _split(name: str, parts: Sequence[str]) -> tuple[str | None, Path]:
@@ -134,14 +138,14 @@ def _split(name: str, parts: Sequence[str]) -> tuple[str | None, Path]:
 
 def _read(path: Path, part: str | None, rules: FileRules) -> Target:
     suffix = path.suffix.lower()
-    known = (*MESH_SUFFIXES, *TEXT_SUFFIXES, ".json")
+    known = (*MESH_SUFFIXES, *TEXT_SUFFIXES, *MARKUPS_SUFFIXES)
     if suffix not in known:
         raise InputError(
             f"{path}: expected a file ending in {', '.join(known)}, found {suffix or 'no ending'}"
         )
     if not path.is_file():
         raise InputError(f"{path}: expected a file to fit to, found none: check the path")
-    if suffix == ".json":
+    if suffix in MARKUPS_SUFFIXES:
         return _from_markups(path, part, rules)
     if suffix in TEXT_SUFFIXES:
         return _from_text(path, part, rules)
@@ -150,13 +154,17 @@ def _read(path: Path, part: str | None, rules: FileRules) -> Target:
     if rules.kind == "landmarks":
         raise InputError(f"{path}: expected landmarks as text or Slicer Markups, found a mesh file")
     try:
-        mesh = read_mesh(path)
+        mesh = read_cloud_or_mesh(path)
     except InputError:
         if suffix in CURVE_SUFFIXES and rules.kind in ("auto", "points") and _has_curves(path):
             return _from_curves(path, part, rules)
         raise
-    vertices = mesh.vertices * _factors(rules, mesh.space)
-    if rules.kind == "points":
+    vertices = placed_vertices(mesh, rules.units, rules.frame)
+    if not len(mesh.faces) and suffix in CURVE_SUFFIXES and rules.kind != "surface":
+        return _from_curves(path, part, rules)
+    if not len(mesh.faces) and rules.kind == "surface":
+        raise InputError(f"{path}: expected triangles, found {len(vertices)} points alone")
+    if rules.kind == "points" or not len(mesh.faces):
         return CloudTarget(vertices, part)
     return _surface(path, mesh, vertices, part)
 
@@ -181,7 +189,7 @@ def _has_curves(path: Path) -> bool:
 
 def _from_curves(path: Path, part: str | None, rules: FileRules) -> Target:
     points, curves, space = read_polylines(path)
-    placed = points * _factors(rules, space)
+    placed = points * lps_factors(rules.units, space or rules.frame)
     if not curves:
         if rules.kind == "contours":
             raise InputError(f"{path}: expected curves, found {len(points)} points and no line")
@@ -210,6 +218,9 @@ def _from_markups(path: Path, part: str | None, rules: FileRules) -> Target:
 
 
 def _from_text(path: Path, part: str | None, rules: FileRules) -> Target:
+    in_micrometres = carp_points(path.read_bytes()) if path.suffix.lower() == ".pts" else None
+    if in_micrometres is not None:
+        return CloudTarget(in_micrometres * lps_factors("um", rules.frame), part)
     rows = _rows(path)
     if not rows:
         raise InputError(f"{path}: expected rows of numbers, found none")
@@ -217,11 +228,17 @@ def _from_text(path: Path, part: str | None, rules: FileRules) -> Target:
     if len(widths) > 1 or not widths <= {3, 4}:
         raise InputError(
             f"{path}: expected rows of x y z or of name x y z throughout, found rows of "
-            f"{', '.join(map(str, sorted(widths)))} columns"
+            f"{', '.join(map(str, sorted(widths)))} columns: keep those columns, or name them in "
+            "a first row"
         )
     width = widths.pop()
+    if width == 4 and rules.kind == "auto" and all(_is_number(words[0]) for _, words in rows):
+        raise InputError(
+            f"{path}: expected rows of x y z or of name x y z, found four numbers each: keep three "
+            "columns, name the columns in a first row, or say that these are landmarks"
+        )
     values = np.array([_numbers(path, number, words[-3:]) for number, words in rows])
-    values = values * _factors(rules, None)
+    values = values * lps_factors(rules.units, rules.frame)
     labels = [words[0] for _, words in rows] if width == 4 else []
     if rules.kind == "surface":
         raise InputError(f"{path}: expected a mesh file, found text: it holds points")
@@ -252,12 +269,25 @@ def _rows(path: Path) -> list[tuple[int, list[str]]]:
         raise InputError(f"{path}: expected a text file, found other bytes") from None
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
-        words = [word for word in SEPARATORS.split(line.partition("#")[0].strip()) if word]
-        if words:
+        plain = line.partition("#")[0].strip(" \t\r")
+        if ";" in plain:  # as spreadsheets separate where the decimal sign is a comma
+            plain = plain.replace(",", ".").replace(";", ",")
+        words = [word.strip(' "') for word in _SEPARATORS.split(plain)]
+        if any(words):
             rows.append((number, words))
-    if rows and not all(_is_number(word) for word in rows[0][1][-3:]):
-        rows = rows[1:]
-    return rows
+    if not rows:
+        return []
+    first = [word.casefold() for word in rows[0][1]]
+    if not {"x", "y", "z"} <= set(first):
+        rows = [(number, [word for word in words if word]) for number, words in rows]
+        return rows[not all(_is_number(word) for word in rows[0][1][-3:]) :]
+    # A heading says which columns are meant: an index or a further value is no name.
+    chosen = [first.index(axis) for axis in "xyz"]
+    named = [k for k, word in enumerate(first) if word in _NAME_COLUMNS][:1]
+    short = next((number for number, words in rows if len(words) != len(first)), None)
+    if short is not None:
+        raise InputError(f"{path}, line {short}: expected {len(first)} columns as in the first row")
+    return [(number, [words[k] for k in (*named, *chosen)]) for number, words in rows[1:]]
 
 
 def _is_number(word: str) -> bool:
@@ -278,14 +308,6 @@ def _numbers(path: Path, number: int, words: Sequence[str]) -> FloatArray:
     if not np.isfinite(values).all():
         raise InputError(f"{path}, line {number}: expected finite numbers, found {words}")
     return values
-
-
-def _factors(rules: FileRules, stated: str | None) -> FloatArray:
-    """Return what takes coordinates to mm in LPS."""
-    factors = np.full(3, MM_PER_UNIT[rules.units])
-    if (stated or rules.frame) == "RAS":
-        factors = factors * RAS_TO_LPS
-    return factors
 
 
 def _with_openings(

@@ -44,15 +44,20 @@ from ostiform.model import (
     write_model,
 )
 from ostiform.pipeline.adopt_sources import SourceSettings, read_source
+from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.events import Note, OnEvent, Progress, Warn
 from ostiform.pipeline.store import Store, key_of
 from ostiform.study import ShapeId
-from ostiform.surface import median_edge_length, vertex_areas
+from ostiform.surface import face_areas, face_normals, median_edge_length, vertex_areas
 
 NOISE_OVER_EDGE = 0.2
 """Noise per coordinate of a surface whose noise is not stated, over its median edge (design 5)."""
 FEWEST_SHAPES = 4
 SEED = 0
+LEAST_VOLUME = 0.005
+"""Share of area^1.5 (0.094 for a sphere) below which the sign of a volume says nothing."""
+MOST_FOLDED = 0.02
+"""Share of the area whose triangles may turn against the mean's without being told."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +126,11 @@ def adopt_shapes(
     watch(Progress("read", 0, 1))
     found = read_source(source, settings)
     watch(Progress("read", 1, 1))
+    _refuse_mirrored(found)
     shapes = corresponded(found, alignment, _groups(found.ids, per))
     model = fit_model(shapes.aligned, shapes.weights, shapes.mesh)
     stored = StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
-    notes = list(found.notes)
+    notes = [*found.notes, *_folds(shapes)]
     store = Store(output)
     key = key_of("adopted", str(source), alignment, [str(id) for id in found.ids])
     with store.writing("correspondence.h5", key) as path:
@@ -135,6 +141,7 @@ def adopt_shapes(
     _copied(store, "model.h5", key)
     with store.writing("scores.csv", key) as path:
         write_scores_csv(path, stored)
+    write_covariates(store, found.ids, found.covariates)
     if len(shapes.mesh.faces):
         notes += _write_surfaces(store, key, shapes, model, watch)
     else:
@@ -150,6 +157,41 @@ def adopt_shapes(
     store.write_json("failed.json", key, [])
     store.write_json("adopted.json", key, facts)
     return Adopted(output, len(shapes.ids), shapes.points.shape[1], len(model.modes), tuple(notes))
+
+
+def _refuse_mirrored(found: OrderedShapes) -> None:
+    """Refuse shapes of which some are inside out: their order mirrors that of the others."""
+    for part, volumes in part_volumes(found.points, found.mesh).items():
+        faces = found.mesh.faces[found.mesh.face_part == found.mesh.parts.index(part)]
+        areas = np.array([face_areas(points, faces).sum() for points in found.points])
+        relative = volumes / np.maximum(areas, 1e-300) ** 1.5
+        if relative.min() > -LEAST_VOLUME or relative.max() < LEAST_VOLUME:
+            continue
+        wrong = relative * np.sign(np.median(relative)) < 0.0
+        names = ", ".join(
+            str(id) for id, is_wrong in zip(found.ids, wrong, strict=True) if is_wrong
+        )
+        raise InputError(
+            f"{part}: expected the triangles of all shapes to face alike, found {int(wrong.sum())} "
+            f"of {len(wrong)} inside out ({names}): their points are in a mirrored order, or the "
+            "shapes are mirrored; leave them out or correct them where they were made"
+        )
+
+
+def _folds(shapes: CorrespondedShapes) -> list[str]:
+    """Return which shapes have much area that is folded against the mean."""
+    faces = shapes.mesh.faces
+    if not len(faces):
+        return []
+    mean = face_normals(shapes.aligned.mean(axis=0), faces)
+    notes = []
+    for id, points in zip(shapes.ids, shapes.aligned, strict=True):
+        against = (face_normals(points, faces) * mean).sum(axis=1) < 0.0
+        area = face_areas(points, faces)
+        share = float(area[against].sum() / area.sum())
+        if share > MOST_FOLDED:
+            notes.append(f"{id}: {100.0 * share:.0f} % of the area is folded against the mean")
+    return notes
 
 
 def corresponded(

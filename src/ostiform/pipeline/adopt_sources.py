@@ -1,7 +1,7 @@
 """Where a correspondence that exists already comes from: a folder, a sheet, or a project."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +24,16 @@ from ostiform.exchange import (
     read_project,
 )
 from ostiform.study import ShapeId, read_sheet
-from ostiform.surface import MESH_SUFFIXES, read_mesh
+from ostiform.surface import (
+    MESH_SUFFIXES,
+    MM_PER_UNIT,
+    counted,
+    lps_factors,
+    placed_vertices,
+    read_mesh,
+)
 
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-SIGNS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}
+FRAMES = ("LPS", "RAS")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +51,7 @@ class SourceSettings:
     parts : tuple of str
         Names of the parts.
     units : str
-        ``mm``, ``cm`` or ``m``.
+        ``mm``, ``cm``, ``m`` or ``um``.
     frame : str
         ``LPS`` or ``RAS``.
     """
@@ -59,9 +65,9 @@ class SourceSettings:
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be used."""
-        if self.units not in MILLIMETRES:
-            raise InputError(f"--units: expected mm, cm or m, found {self.units}")
-        if self.frame not in SIGNS:
+        if self.units not in MM_PER_UNIT:
+            raise InputError(f"--units: expected {', '.join(MM_PER_UNIT)}, found {self.units}")
+        if self.frame not in FRAMES:
             raise InputError(f"--frame: expected LPS or RAS, found {self.frame}")
         if not self.parts or len(set(self.parts)) < len(self.parts) or not all(self.parts):
             raise InputError(
@@ -76,7 +82,7 @@ class SourceSettings:
     @property
     def factors(self) -> FloatArray:
         """By which coordinates are multiplied to be millimetres in LPS."""
-        return MILLIMETRES[self.units] * np.array(SIGNS[self.frame])
+        return lps_factors(self.units, self.frame)
 
 
 def read_source(source: Path, settings: SourceSettings) -> OrderedShapes:
@@ -115,7 +121,7 @@ def read_source(source: Path, settings: SourceSettings) -> OrderedShapes:
             )
         return shapes
     mesh, notes = mesh_with_openings(shapes.mesh, settings.names)
-    return OrderedShapes(shapes.ids, shapes.points, mesh, (*shapes.notes, *notes))
+    return replace(shapes, mesh=mesh, notes=(*shapes.notes, *notes))
 
 
 def _from_folder(folder: Path, settings: SourceSettings) -> OrderedShapes:
@@ -186,7 +192,10 @@ def _kind(path: Path) -> str:
 
 
 def _from_project(path: Path, settings: SourceSettings) -> OrderedShapes:
-    rows = read_project(path)
+    listed = read_project(path)
+    rows = [row for row in listed if not row.is_excluded]
+    if not rows:
+        raise InputError(f"{path}: expected subjects, found all {len(listed)} excluded")
     domains = rows[0].domains()
     if not domains:
         raise InputError(
@@ -199,7 +208,11 @@ def _from_project(path: Path, settings: SourceSettings) -> OrderedShapes:
         for domain in domains
     }
     particles = read_particle_shapes(ids, chosen, settings.factors)
-    return _with_project_mesh(path, rows, particles, settings)
+    shapes = _with_project_mesh(path, rows, particles, settings)
+    groups = tuple(row.groups for row in rows)
+    left_out = len(listed) - len(rows)
+    notes = (f"left out {counted(left_out, 'excluded subject')}",) if left_out else ()
+    return replace(shapes, notes=(*shapes.notes, *notes), covariates=groups)
 
 
 def _project_ids(path: Path, rows: Sequence[ProjectRow]) -> list[ShapeId]:
@@ -230,7 +243,7 @@ def _particles_file(path: Path, row: ProjectRow, id: ShapeId, domain: str) -> Pa
     for kind in ("local", "world"):
         stated = row.columns.get(f"{kind}_particles_{domain}")
         if stated:
-            return path.parent / stated
+            return path.parent / stated.replace("\\", "/")
     raise InputError(f"{path}: {id}: expected particles of the domain {domain}, found none")
 
 
@@ -251,5 +264,10 @@ def _with_project_mesh(
             if not (path.parent / stated).is_file():
                 continue
             mesh = read_mesh(path.parent / stated)
-            return dressed(particles, reference, mesh.vertices * settings.factors, mesh.faces)
+            return dressed(
+                particles,
+                reference,
+                placed_vertices(mesh, settings.units, settings.frame),
+                mesh.faces,
+            )
     return particles

@@ -123,7 +123,7 @@ def _findable(study: Study) -> Study:
         replace(
             entry,
             files={part: path.absolute() for part, path in entry.files.items()},
-            cuts=None if entry.cuts is None else entry.cuts.absolute(),
+            cuts=tuple(cut.absolute() for cut in entry.cuts),
         )
         for entry in study.entries
     )

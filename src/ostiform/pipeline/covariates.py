@@ -3,14 +3,13 @@
 Artifact: ``covariates.csv``, one row per shape of the model: subject, phase, and the columns.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ostiform.errors import ArtifactError, InputError
 from ostiform.model import StoredModel
-from ostiform.pipeline.run import Run
-from ostiform.pipeline.store import key_of
-from ostiform.study import read_sheet
+from ostiform.pipeline.store import Store, key_of
+from ostiform.study import ShapeId, read_sheet
 from ostiform.tables import write_table
 
 COVARIATES = "covariates.csv"
@@ -18,21 +17,22 @@ COVARIATES = "covariates.csv"
 Rows = list[tuple[str, Mapping[str, str]]]
 
 
-def write_covariates(run: Run) -> None:
-    """Write what the sheet says about every shape of a study beyond its files, if anything."""
-    entries = run.study.entries
-    columns = list(dict.fromkeys(name for entry in entries for name in entry.covariates))
+def write_covariates(
+    store: Store, ids: Sequence[ShapeId], covariates: Sequence[Mapping[str, str]]
+) -> None:
+    """Write what is known of every shape beyond its files, if anything."""
+    columns = list(dict.fromkeys(name for cells in covariates for name in cells))
     if not columns:
-        run.store.remove(COVARIATES)
+        store.remove(COVARIATES)
         return
     rows = [
-        [entry.id.subject, entry.id.phase, *(entry.covariates.get(name, "") for name in columns)]
-        for entry in entries
+        [id.subject, id.phase, *(cells.get(name, "") for name in columns)]
+        for id, cells in zip(ids, covariates, strict=True)
     ]
     key = key_of("covariates", columns, rows)
-    if run.store.is_current(COVARIATES, key):
+    if store.is_current(COVARIATES, key):
         return
-    with run.store.writing(COVARIATES, key) as path:
+    with store.writing(COVARIATES, key) as path:
         write_table(path, ["subject", "phase", *columns], rows)
 
 

@@ -25,6 +25,7 @@ from ostiform.study import (
     ShapeSurvey,
     Study,
     StudySettings,
+    data_beside,
     named_population,
     opened_shape,
     shape_survey,
@@ -158,8 +159,9 @@ def _reading_inputs(study: Study, entry: ShapeEntry) -> list[Any]:
     settings = study.settings.model_dump(mode="json", include=READING_SETTINGS)
     identity = [entry.id.subject, entry.id.phase, entry.id.time]
     files = dict(entry.files)
-    if entry.cuts is not None:
-        files["cuts"] = entry.cuts
+    files |= {f"cuts {k}": path for k, path in enumerate(entry.cuts)}
+    for name, path in entry.files.items():
+        files |= {f"{name} {item.suffix}": item for item in data_beside(path)}
     hashes = {name: _hash(entry, name, path) for name, path in files.items()}
     return [identity, hashes, settings, list(entry.notes)]
 

@@ -139,7 +139,8 @@ def report_run(
     )
     record = after(read_record(run.store), record)
     write_record(run.store, record)
-    write_covariates(run)
+    entries = run.study.entries
+    write_covariates(run.store, [e.id for e in entries], [e.covariates for e in entries])
     _render(run.store, record, run.workers, run.on_event)
 
 

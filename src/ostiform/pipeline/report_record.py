@@ -98,7 +98,7 @@ def recorded_inputs(run: Run) -> tuple[InputFile, ...]:
     folder = run.study.path.parent
     found = []
     for entry in run.study.entries:
-        paths = dict(entry.files) | ({} if entry.cuts is None else {"cuts": entry.cuts})
+        paths = dict(entry.files) | {f"cuts {k}": cut for k, cut in enumerate(entry.cuts)}
         found += [
             InputFile(str(entry.id), role, _below(path, folder), file_hash(path))
             for role, path in paths.items()

@@ -7,13 +7,13 @@ gets the next number in the same commit, and what it feeds is made again with it
 
 VERSIONS = {
     "demonstration": 1,
-    "ingest": 1,
+    "ingest": 2,
     "prepare": 1,
     "domain": 1,
     "embedding": 1,
     "paper chain": 1,
     "correspondence": 1,
-    "adopted": 1,
+    "adopted": 2,
     "added": 1,
     "model": 1,
     "dynamics": 1,

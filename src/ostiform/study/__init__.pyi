@@ -21,6 +21,7 @@ from .settings import read_settings as read_settings
 from .shape import Shape as Shape
 from .shape import ShapeId as ShapeId
 from .sheet import read_sheet as read_sheet
+from .sources import data_beside as data_beside
 from .study import ShapeEntry as ShapeEntry
 from .study import Study as Study
 from .study import natural_key as natural_key

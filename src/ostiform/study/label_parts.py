@@ -11,7 +11,7 @@ from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.study.labelmaps import LabelMap, label_mask, read_label_map
 from ostiform.study.markups import Cut, cut_heights
-from ostiform.study.parts import handle_sentence
+from ostiform.study.parts import LARGEST_STRAY_SHARE, handle_sentence
 from ostiform.study.settings import StudySettings
 from ostiform.surface import (
     LevelField,
@@ -141,27 +141,38 @@ def _edge(label_map: LabelMap, edge_mm: float | None) -> float:
 
 
 def _alone(mask: BoolArray, label_map: LabelMap, edge_mm: float | None) -> RawMesh:
-    vertices, faces, notes = _outline(level_field(mask, label_map.affine))
+    vertices, faces, share, notes = _outline(level_field(mask, label_map.affine))
+    _refuse_large_pieces(share)
     vertices, faces = remeshed_at(vertices, faces, _edge(label_map, edge_mm))
-    return RawMesh(vertices, faces, space="LPS", notes=(*_notes(mask), *notes))
+    return RawMesh(vertices, faces, space="LPS", notes=(*label_map.notes, *_notes(mask), *notes))
 
 
-def _outline(field: LevelField) -> tuple[FloatArray, IntArray, tuple[str, ...]]:
-    """Return the largest piece of a field's outline."""
+def _refuse_large_pieces(share: float) -> None:
+    if share > LARGEST_STRAY_SHARE:
+        raise TopologyError(
+            "expected one piece of the label, found others beside the largest with "
+            f"{100.0 * share:.0f} % of the area: give each piece a label of its own, or remove the "
+            "others"
+        )
+
+
+def _outline(field: LevelField) -> tuple[FloatArray, IntArray, float, tuple[str, ...]]:
+    """Return the largest piece of a field's outline, and the others' share of the area."""
     vertices, faces = level_surface(field)
     piece = connected_components(faces)
     n_pieces = int(piece.max(initial=-1)) + 1
+    share = 0.0
     notes: tuple[str, ...] = ()
     if n_pieces > 1:
         area = np.bincount(piece, weights=face_areas(vertices, faces))
         faces = faces[piece == area.argmax()]
-        share = 100.0 * (1.0 - area.max() / area.sum())
+        share = float(1.0 - area.max() / area.sum())
         notes = (
-            f"kept the largest of {n_pieces} pieces of the label, dropped {share:.2g} % of the "
-            "area",
+            f"kept the largest of {n_pieces} pieces of the label, dropped {100.0 * share:.2g} % of "
+            "the area",
         )
     kept, faces = without_unreferenced(faces, len(vertices))
-    return vertices[kept], faces, notes
+    return vertices[kept], faces, share, notes
 
 
 def _together(
@@ -180,7 +191,7 @@ def _together(
     fields = [level_field(masks[part], label_map.affine) for part in parts]
     edge = _edge(label_map, edge_mm)
     whole, apart = _with_gaps(level_field(union, label_map.affine), masks, fields, seams, edge)
-    vertices, faces, notes = _outline(whole)
+    vertices, faces, share, notes = _outline(whole)
     notes = (*apart, *notes)
     if cut is not None:
         vertices, faces, owner = _divided(vertices, faces, fields, cut)
@@ -194,6 +205,7 @@ def _together(
             f"closed curve{'s' * (len(seams) > 1)}, found {len(borders)}: check the labels where "
             "they meet, or give each part a mesh of its own"
         )
+    _refuse_large_pieces(share)
     if genus(faces):
         found = handle_sentence(MendedMesh(vertices, faces, np.arange(len(faces)), ()))
         raise TopologyError(
@@ -207,7 +219,10 @@ def _together(
     for k, part in enumerate(parts):
         kept, own = without_unreferenced(fine.faces[fine.labels == k], len(positions))
         meshes[part] = RawMesh(
-            positions[kept], own, space="LPS", notes=(*_notes(masks[part]), *notes)
+            positions[kept],
+            own,
+            space="LPS",
+            notes=(*label_map.notes, *_notes(masks[part]), *notes),
         )
     return meshes
 

@@ -27,6 +27,8 @@ from ostiform.arrays import (
     frozen_mapping,
 )
 from ostiform.errors import InputError
+from ostiform.study.metaimage import read_metaimage
+from ostiform.surface import MM_PER_UNIT
 
 _LARGEST = 2_000_000_000
 """Voxels: a map beyond 1,250 cubed is a damaged header."""
@@ -34,7 +36,19 @@ _LARGEST = 2_000_000_000
 _LEAST_RIGHT_ANGLE = 1e-3
 """Cosine between axes that still count as at right angles; scanners store four digits."""
 
-_UNITS = {"mm": 1.0, "micron": 0.001, "meter": 1000.0, "unknown": 1.0}
+_NIFTI_UNITS = {"mm": "mm", "micron": "um", "meter": "m", "unknown": "mm"}
+_UNITS = {
+    "millimeter": "mm",
+    "millimetre": "mm",
+    "\u00b5m": "um",
+    "micron": "um",
+    "micrometer": "um",
+    "meter": "m",
+    "metre": "m",
+    "centimeter": "cm",
+    "": "mm",
+}
+_ONE_PER_FILE = "save each frame as a file of its own and name them by {phase} in the pattern"
 _NRRD_TO_LPS = {
     "left-posterior-superior": (1.0, 1.0, 1.0),
     "lps": (1.0, 1.0, 1.0),
@@ -43,11 +57,6 @@ _NRRD_TO_LPS = {
     "left-anterior-superior": (1.0, -1.0, 1.0),
     "las": (1.0, -1.0, 1.0),
 }
-_META_TYPES = {
-    "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2",
-    "MET_INT": "i4", "MET_UINT": "u4", "MET_LONG": "i4", "MET_ULONG": "u4",
-    "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,12 +72,15 @@ class LabelMap:
         Further layers of a 3D Slicer segmentation whose segments overlap.
     segments : mapping of str to tuple of int
         Layer (0 for `labels`) and value of every segment by its name, where the file names them.
+    notes : tuple of str
+        What the file leaves open about its place, one sentence each.
     """
 
     labels: IntArray
     affine: FloatArray
     further: tuple[IntArray, ...] = ()
     segments: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
@@ -149,7 +161,7 @@ def read_label_map(path: Path) -> LabelMap:
         with np.errstate(all="ignore"):
             found = _READERS[ending](path)
             layers = [_whole_numbers(_three_axes(values)) for values in found.layers]
-            return LabelMap(layers[0], found.affine, tuple(layers[1:]), found.segments)
+            return LabelMap(layers[0], found.affine, tuple(layers[1:]), found.segments, found.notes)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (
@@ -168,6 +180,7 @@ class _Found:
     layers: Sequence[Any]
     affine: FloatArray
     segments: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def _read_nifti(path: Path) -> _Found:
@@ -177,8 +190,31 @@ def _read_nifti(path: Path) -> _Found:
         raise InputError(f"expected at most {_LARGEST} voxels, found {image.shape}")
     spatial = header.get_xyzt_units()[0]
     affine = np.array(image.affine, dtype=np.float64)
-    affine[:3] *= _UNITS.get(spatial, 1.0)
-    return _Found([np.asanyarray(image.dataobj)], np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine)
+    factor = MM_PER_UNIT[_NIFTI_UNITS[spatial]]
+    affine[:3] *= factor
+    notes = _doubt_of_place(header, affine, factor)
+    values = np.asanyarray(image.dataobj)
+    return _Found([values], np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine, notes=notes)
+
+
+def _doubt_of_place(header: Any, taken: FloatArray, factor: float) -> tuple[str, ...]:
+    """Return what a NIfTI header leaves open: two places, or none."""
+    if not int(header["sform_code"]) and not int(header["qform_code"]):
+        return (
+            "the image states no place (sform and qform codes 0): took its middle as the origin",
+        )
+    if not int(header["sform_code"]) or not int(header["qform_code"]):
+        return ()
+    other = np.array(header.get_qform(), dtype=np.float64)
+    other[:3] *= factor
+    ends = np.array([[0, 0, 0, 1], [*(n - 1 for n in header.get_data_shape()[:3]), 1]]).T
+    if np.abs((other - taken) @ ends).max() < 0.1 * np.linalg.norm(taken[:3, :3], axis=0).min():
+        return ()
+    origins = [", ".join(f"{x + 0.0:g}" for x in form[:3, 3].round(2)) for form in (taken, other)]
+    return (
+        f"the image states two places: took the sform (origin [{origins[0]}] mm in RAS), not the "
+        f"qform (origin [{origins[1]}]) that ITK and 3D Slicer may take",
+    )
 
 
 def _read_nrrd(path: Path) -> _Found:
@@ -189,7 +225,12 @@ def _read_nrrd(path: Path) -> _Found:
     data_file = header.get("data file", header.get("datafile"))
     if data_file is not None and Path(str(data_file)).name != str(data_file):
         raise InputError("expected the data in the file or beside it, found another folder")
+    for key in ("old min", "oldmin", "old max", "oldmax"):
+        if key in header:
+            raise InputError(f'expected voxels as they are, found "{key}" of scaled ones')
     values, header = nrrd.read(str(path))
+    if values.ndim > 3 and not _segments(header, 0):
+        raise InputError(f"expected three axes of voxels, found {values.ndim}: {_ONE_PER_FILE}")
     space = str(header.get("space", "")).lower()
     if space not in _NRRD_TO_LPS:
         raise InputError(
@@ -199,8 +240,10 @@ def _read_nrrd(path: Path) -> _Found:
         [[np.nan] * 3 if row is None else row for row in header["space directions"]],
         dtype=np.float64,
     )
-    has_layers = values.ndim == 4 and directions.shape == (4, 3) and np.isnan(directions[0]).all()
-    directions = directions[1:] if has_layers else directions
+    lists = np.flatnonzero(np.isnan(directions).all(axis=1))
+    has_layers = values.ndim == 4 and directions.shape == (4, 3) and len(lists) == 1
+    if has_layers:
+        values, directions = np.moveaxis(values, lists[0], 0), np.delete(directions, lists, axis=0)
     if directions.shape != (3, 3) or not np.isfinite(directions).all():
         raise InputError(
             "expected three space directions, found a file of other axes: save a label map or a "
@@ -209,96 +252,44 @@ def _read_nrrd(path: Path) -> _Found:
     affine = np.eye(4)
     affine[:3, :3] = directions.T
     affine[:3, 3] = np.array(header.get("space origin", np.zeros(3)), dtype=np.float64)
+    units = [str(unit).strip(' "').lower() for unit in header.get("space units", ["mm"])]
+    factors = [MM_PER_UNIT.get(_UNITS.get(unit, unit)) for unit in units]
+    if len(set(factors)) > 1 or factors[0] is None:
+        raise InputError(f"expected space units of one length, found {', '.join(units)}")
+    affine[:3] *= factors[0]
     layers = list(values) if has_layers else [values]
-    segments = _segments(header)
+    segments = _segments(header, len(layers))
     if any(not 0 <= layer < len(layers) for layer, _ in segments.values()):
         raise InputError(f"expected segments in {len(layers)} layers, found one in another layer")
     return _Found(layers, np.diag([*_NRRD_TO_LPS[space], 1.0]) @ affine, segments)
 
 
-def _segments(header: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Return layer and value of the segments of a 3D Slicer segmentation, by name."""
-    segments = {}
+def _segments(header: Mapping[str, Any], n_layers: int) -> dict[str, tuple[int, int]]:
+    """Return layer and value of the segments of a 3D Slicer segmentation, by name.
+
+    3D Slicer up to 4.10 wrote neither: the n-th segment has the n-th layer for itself.
+    """
+    segments: dict[str, tuple[int, int]] = {}
     for key, name in header.items():
         found = re.fullmatch(r"Segment(\d+)_Name", str(key))
         if found is None:
             continue
-        layer = int(header.get(f"Segment{found[1]}_Layer", 0))
-        value = int(header.get(f"Segment{found[1]}_LabelValue", 1))
-        segments[str(name)] = (layer, value)
+        own = int(found[1]) if n_layers > 1 else 0
+        layer = int(header.get(f"Segment{found[1]}_Layer", own))
+        value = header.get(f"Segment{found[1]}_LabelValue")
+        if value is None and n_layers == 1 and segments:
+            raise InputError("expected the label value of every segment, found none: save it anew")
+        if str(name) in segments:
+            raise InputError(f"expected every segment once, found two named {name}: rename one")
+        segments[str(name)] = (layer, int(value or 1))
     return segments
-
-
-def _read_metaimage(path: Path) -> _Found:
-    content = path.read_bytes()
-    fields, body = _meta_header(content)
-    sizes = [int(word) for word in fields["DimSize"].split()]
-    if len(sizes) != 3 or min(sizes) < 1 or np.prod(np.array(sizes, np.float64)) > _LARGEST:
-        raise InputError(f"expected three sizes of a grid, found {fields['DimSize']}")
-    if fields.get("ElementNumberOfChannels", "1") != "1":
-        raise InputError("expected one value per voxel, found several channels")
-    kind = fields["ElementType"]
-    if kind not in _META_TYPES:
-        raise InputError(f"expected an element type of MetaImage, found {kind}")
-    if fields["ElementDataFile"] != "LOCAL":
-        name = fields["ElementDataFile"]
-        if Path(name).name != name or name in ("LIST", ""):
-            raise InputError(f'expected the data in the file or beside it, found "{name}"')
-        body = (path.parent / name).read_bytes()
-    big = _is_true(fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "")))
-    dtype = np.dtype((">" if big else "<") + _META_TYPES[kind])
-    wanted = int(np.prod(sizes)) * dtype.itemsize
-    if _is_true(fields.get("CompressedData", "")):
-        body = zlib.decompressobj().decompress(body, wanted)
-    if len(body) < wanted:
-        raise InputError(f"expected {wanted} bytes of voxels, found {len(body)}: export it again")
-    values = np.frombuffer(body, dtype, int(np.prod(sizes))).reshape(sizes, order="F")
-    spacing = _numbers(fields.get("ElementSpacing", fields.get("ElementSize", "1 1 1")), 3)
-    matrix = fields.get("TransformMatrix", fields.get("Orientation", "1 0 0 0 1 0 0 0 1"))
-    affine = np.eye(4)
-    # Row i of the file's matrix is the direction of axis i.
-    affine[:3, :3] = _numbers(matrix, 9).reshape(3, 3).T * spacing
-    affine[:3, 3] = _numbers(fields.get("Offset", fields.get("Position", "0 0 0")), 3)
-    return _Found([values], affine)
-
-
-def _meta_header(content: bytes) -> tuple[dict[str, str], bytes]:
-    fields: dict[str, str] = {}
-    start = 0
-    while True:
-        end = content.find(b"\n", start)
-        line = content[start : end if end >= 0 else len(content)].decode("latin-1").strip()
-        found = re.fullmatch(r"(\w+)\s*=\s*(.*)", line)
-        if found is None:
-            raise InputError("expected the header of a MetaImage, found another one")
-        fields[found[1]] = found[2]
-        start = end + 1
-        if found[1] == "ElementDataFile":
-            break
-        if end < 0 or len(fields) > 200:
-            raise InputError("expected ElementDataFile in the header, found none")
-    for needed in ("DimSize", "ElementType"):
-        if needed not in fields:
-            raise InputError(f"expected {needed} in the header, found none")
-    return fields, content[start:] if end >= 0 else b""
-
-
-def _numbers(text: str, count: int) -> FloatArray:
-    values = np.array([float(word) for word in text.split()])
-    if values.shape != (count,):
-        raise InputError(f'expected {count} numbers in the header, found "{text[:60]}"')
-    return values
-
-
-def _is_true(text: str) -> bool:
-    return text.strip().lower() in ("true", "1")
 
 
 def _three_axes(values: Any) -> Any:
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
     if values.ndim != 3:
-        raise InputError(f"expected three axes of voxels, found {values.ndim}")
+        raise InputError(f"expected three axes of voxels, found {values.ndim}: {_ONE_PER_FILE}")
     return values
 
 
@@ -318,13 +309,18 @@ def _whole_numbers(values: Any) -> IntArray:
     return labels
 
 
+def _metaimage(path: Path) -> _Found:
+    values, affine = read_metaimage(path, _LARGEST)
+    return _Found([values], affine)
+
+
 _READERS: Mapping[str, Callable[[Path], _Found]] = {
     ".nii": _read_nifti,
     ".nii.gz": _read_nifti,
     ".nrrd": _read_nrrd,
     ".nhdr": _read_nrrd,
-    ".mha": _read_metaimage,
-    ".mhd": _read_metaimage,
+    ".mha": _metaimage,
+    ".mhd": _metaimage,
 }
 
 LABEL_MAP_ENDINGS = tuple(_READERS)

@@ -1,7 +1,9 @@
 """Where openings are cut: planes and closed curves, from the study file or 3D Slicer Markups."""
 
+import csv
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +12,12 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
+from ostiform.surface import MM_PER_UNIT
 
 DEFAULT_REACH_MM = 20.0
 """The curve that a plane cuts must have its centre this near to the plane's own."""
 
+MARKUPS_ENDINGS = (".mrk.json", ".json", ".fcsv")
 _LPS_FROM = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "1": (1.0, 1.0, 1.0),
              "0": (-1.0, -1.0, 1.0)}  # fmt: skip
 
@@ -100,10 +104,13 @@ def cut_heights(cut: Cut, points: FloatArray) -> FloatArray:
     return height - level
 
 
-def read_markups(path: Path) -> Markups:
-    """Read planes, closed curves and points from a 3D Slicer Markups JSON file.
+def read_markups(path: Path, ostia: Sequence[str] = ()) -> Markups:
+    """Read planes, closed curves and points from a 3D Slicer Markups file (JSON or ``.fcsv``).
 
-    A plane or curve is named by its markup, a point by its label.
+    A point is named by its label. A plane or curve is named by its markup; 3D Slicer 5 writes no
+    name, then that of the file (``p0_right.mrk.json``, by one of `ostia`) tells it, else the labels
+    of the control points (``right-1``). Points that were skipped ("undefined") are left out with
+    their labels.
 
     Raises
     ------
@@ -112,8 +119,10 @@ def read_markups(path: Path) -> Markups:
         kinds of markups.
     """
     try:
-        content = json.loads(path.read_bytes().decode("utf-8"))
-        listed = content["markups"]
+        text = path.read_bytes().decode("utf-8-sig")
+        listed = (
+            _fcsv(path, text) if path.suffix.lower() == ".fcsv" else json.loads(text)["markups"]
+        )
     except FileNotFoundError:
         raise InputError(f"{path}: expected a Markups file, found none: check cuts") from None
     except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
@@ -124,7 +133,8 @@ def read_markups(path: Path) -> Markups:
         raise InputError(f"{path}: expected a list of markups, found another value")
     for number, item in enumerate(listed, start=1):
         try:
-            _read_markup(item, number, cuts, points)
+            alone = named_after(path.name, ostia) if len(listed) == 1 else None
+            _read_markup(item, alone, f"markup {number}", cuts, points)
         except InputError as error:
             raise InputError(f"{path}: markup {number}: {error}") from None
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -134,8 +144,45 @@ def read_markups(path: Path) -> Markups:
     return Markups(cuts, points)
 
 
+def named_after(file_name: str, names: Sequence[str]) -> str | None:
+    """Return the one of some names with which a file's name ends, as in ``p0_right.mrk.json``."""
+    stem = file_name.removesuffix(_ending(Path(file_name))).casefold()
+    fitting = [
+        name for name in names if re.search(rf"(^|[_.\-\s]){re.escape(name.casefold())}$", stem)
+    ]
+    return max(fitting, key=len, default=None)
+
+
+def _ending(path: Path) -> str:
+    return next((end for end in MARKUPS_ENDINGS if path.name.lower().endswith(end)), path.suffix)
+
+
+def _fcsv(path: Path, text: str) -> list[Mapping[str, Any]]:
+    """Return the points of 3D Slicer's former format as a markup of its present one."""
+    heads = [line for line in text.splitlines() if line.startswith("#")]
+    system = re.search(r"CoordinateSystem\s*=\s*(\w+)", "\n".join(heads))
+    columns = re.search(r"columns\s*=\s*(.*)", "\n".join(heads))
+    names = (columns[1] if columns else "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label").split(",")
+    body = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    rows = [dict(zip(names, row, strict=False)) for row in csv.reader(body)]
+    controls = [
+        {"label": row["label"], "position": [float(row[axis]) for axis in "xyz"]} for row in rows
+    ]
+    return [
+        {
+            "type": "Fiducial",
+            "coordinateSystem": system[1] if system else "",
+            "controlPoints": controls,
+        }
+    ]
+
+
 def _read_markup(
-    item: Mapping[str, Any], number: int, cuts: dict[str, Cut], points: dict[str, FloatArray]
+    item: Mapping[str, Any],
+    alone: str | None,
+    default: str,
+    cuts: dict[str, Cut],
+    points: dict[str, FloatArray],
 ) -> None:
     system = str(item.get("coordinateSystem", "")).upper()
     if system not in _LPS_FROM:
@@ -143,27 +190,39 @@ def _read_markup(
             f'expected coordinateSystem "LPS" or "RAS", found "{system}": save it with one'
         )
     units = item.get("coordinateUnits", "mm")
-    if (units[0] if isinstance(units, list) else units) != "mm":
-        raise InputError(f"expected coordinateUnits mm, found {units}")
-    factors = np.array(_LPS_FROM[system])
+    unit = units[0] if isinstance(units, list) else units
+    if unit not in MM_PER_UNIT:
+        raise InputError(f"expected coordinateUnits {', '.join(MM_PER_UNIT)}, found {units}")
+    factors = MM_PER_UNIT[unit] * np.array(_LPS_FROM[system])
     controls = [
-        _point(point["position"])
+        (str(point.get("label", "")), _point(point["position"]))
         for point in item.get("controlPoints", [])
         if point.get("positionStatus", "defined") == "defined"
     ]
-    kind, name = item["type"], str(item.get("name", f"markup {number}"))
-    if kind == "Plane":
-        center, normal = _plane(item, controls)
-        cuts[name] = plane_cut(factors * center, factors * normal, _reach(item))
-    elif kind == "ClosedCurve":
-        cuts[name] = curve_cut(factors * np.array(controls).reshape(-1, 3))
-    elif kind == "Fiducial":
-        labels = [str(point.get("label", "")) for point in item.get("controlPoints", [])]
-        points.update(
-            {label: factors * point for label, point in zip(labels, controls, strict=False)}
-        )
-    else:
+    positions = [position for _, position in controls]
+    kind, name = item["type"], str(item.get("name") or alone or _common_label(controls) or default)
+    if kind == "Fiducial":
+        for label, position in controls:
+            if label in points:
+                raise InputError(f'expected every label once, found "{label}" twice')
+            points[label] = factors * position
+        return
+    if kind not in ("Plane", "ClosedCurve"):
         raise InputError(f"expected a Plane, ClosedCurve or Fiducial, found {kind}")
+    if name in cuts:
+        raise InputError(f'expected every plane and curve once, found "{name}" twice')
+    if kind == "Plane":
+        center, normal = _plane(item, positions)
+        reach = MM_PER_UNIT[unit] * _reach(item) if "size" in item else _reach(item)
+        cuts[name] = plane_cut(factors * center, factors * normal, reach)
+    else:
+        cuts[name] = curve_cut(factors * np.array(positions).reshape(-1, 3))
+
+
+def _common_label(controls: Sequence[tuple[str, FloatArray]]) -> str | None:
+    """Return the name that 3D Slicer numbers the control points by: ``right-1``, ``right-2``."""
+    found = {re.sub(r"-\d+$", "", label) for label, _ in controls if re.search(r".-\d+$", label)}
+    return found.pop() if len(found) == 1 else None
 
 
 def _plane(item: Mapping[str, Any], controls: list[FloatArray]) -> tuple[FloatArray, FloatArray]:

@@ -22,6 +22,7 @@ from ostiform.surface import (
     face_areas,
     filled_loops,
     genus,
+    lps_factors,
     mended_mesh,
     opened_by_value,
     outward_mesh,
@@ -32,9 +33,7 @@ from ostiform.surface import (
 )
 from ostiform.values import Axes, value
 
-_MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-_TO_LPS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}
-_LARGEST_STRAY_SHARE = 0.1
+LARGEST_STRAY_SHARE = 0.1
 """Pieces beside the largest are dropped only while they hold less than a tenth of the area."""
 
 _NICK = 0.25
@@ -72,11 +71,8 @@ class OpenPart:
 
 
 def internal_factors(settings: StudySettings) -> FloatArray:
-    """Return the factors (3,) from the files' units and frame to millimetres in LPS.
-
-    RAS to LPS turns by 180 degrees about the third axis, so orientation is kept.
-    """
-    return _MILLIMETRES[settings.units] * np.array(_TO_LPS[settings.frame])
+    """Return the factors (3,) from the files' units and frame to millimetres in LPS."""
+    return lps_factors(settings.units, settings.frame)
 
 
 def opened_part(
@@ -288,7 +284,7 @@ def _largest_piece(mesh: MendedMesh) -> MendedMesh:
     area = np.bincount(piece, weights=face_areas(mesh.vertices, mesh.faces))
     largest = int(area.argmax())
     share = 1.0 - area[largest] / area.sum()
-    if share > _LARGEST_STRAY_SHARE:
+    if share > LARGEST_STRAY_SHARE:
         raise TopologyError(
             f"expected one connected surface, found {len(area)} pieces, {100 * share:.0f} % of the "
             "area outside the largest: keep the right one or join them"

@@ -50,7 +50,7 @@ def opened_shape(study: Study, entry: ShapeEntry) -> OpenedShape:
     """
     settings = study.settings
     try:
-        markups = shape_markups(entry)
+        markups = shape_markups(settings, entry)
         opened = _opened_parts(settings, entry, markups)
     except (InputError, TopologyError) as error:
         raise type(error)(f"shape {entry.id}: {error}") from None

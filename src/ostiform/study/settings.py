@@ -228,7 +228,7 @@ class StudySettings(_Settings):
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")]
-    units: Literal["mm", "cm", "m"] = "mm"
+    units: Literal["mm", "cm", "m", "um"] = "mm"
     frame: Literal["LPS", "RAS"] = "LPS"
     pole: str | None = None
     repair: bool = True

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +11,13 @@ from ostiform.errors import InputError, TopologyError
 from ostiform.study.joined import parted_mesh
 from ostiform.study.label_parts import label_meshes, without_islands
 from ostiform.study.labelmaps import is_label_map
-from ostiform.study.markups import DEFAULT_REACH_MM, Cut, Markups, plane_cut, read_markups
+from ostiform.study.markups import (
+    DEFAULT_REACH_MM,
+    Cut,
+    Markups,
+    plane_cut,
+    read_markups,
+)
 from ostiform.study.parts import (
     check_frame,
     connected_mesh,
@@ -19,7 +26,14 @@ from ostiform.study.parts import (
 )
 from ostiform.study.settings import PlaneSettings, StudySettings
 from ostiform.study.study import ShapeEntry
-from ostiform.surface import RawMesh, face_areas, read_mesh, split_ostium_name, without_unreferenced
+from ostiform.surface import (
+    RawMesh,
+    face_areas,
+    placed_vertices,
+    read_mesh,
+    split_ostium_name,
+    without_unreferenced,
+)
 
 
 def part_meshes(
@@ -71,21 +85,51 @@ def part_meshes(
     return meshes, left
 
 
-def shape_markups(entry: ShapeEntry) -> Markups:
-    """Return what the Markups file of a shape holds; nothing where it has none."""
-    return Markups({}, {}) if entry.cuts is None else read_markups(entry.cuts)
+def data_beside(path: Path) -> tuple[Path, ...]:
+    """Return the files of its name in which a mesh or image keeps points or voxels."""
+    endings = {".elem": (".pts",), ".mhd": (".raw", ".zraw"), ".nhdr": (".raw", ".raw.gz")}
+    found = (path.with_suffix(ending) for ending in endings.get(path.suffix.lower(), ()))
+    return tuple(item for item in found if item.is_file())
+
+
+def shape_markups(settings: StudySettings, entry: ShapeEntry) -> Markups:
+    """Return what the Markups files of a shape hold, cuts by their full ostium names.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, a cut has the name of no ostium, or two have one.
+    """
+    cuts: dict[str, Cut] = {}
+    points: dict[str, FloatArray] = {}
+    for path in entry.cuts:
+        short = [full.partition(".")[2] for full in settings.ostium_names]
+        found = read_markups(path, (*settings.ostium_names, *short))
+        for name, cut in found.cuts.items():
+            owners = _owners(settings, name)
+            if not owners:
+                raise InputError(
+                    f"{path}: expected cuts named by an ostium "
+                    f'({", ".join(settings.ostium_names)}), found "{name}": rename the markup or '
+                    "its file"
+                )
+            if owners[0] in cuts:
+                raise InputError(f"{path}: expected one cut for {owners[0]}, found two")
+            cuts.update(dict.fromkeys(owners, cut))
+        if doubled := sorted(points.keys() & found.points.keys()):
+            raise InputError(f"{path}: expected every point once, found {doubled[0]} twice")
+        points.update(found.points)
+    return Markups(cuts, points)
+
+
+def _owners(settings: StudySettings, name: str) -> list[str]:
+    return [full for full in settings.ostium_names if name in (full, full.partition(".")[2])]
 
 
 def part_cuts(
     settings: StudySettings, entry: ShapeEntry, markups: Markups
 ) -> dict[str, dict[str, Cut]]:
-    """Return the cuts of every part by ostium: of the shape itself, its subject, or all shapes.
-
-    Raises
-    ------
-    InputError
-        If a cut of the Markups file has the name of no ostium.
-    """
+    """Return the cuts of every part by ostium: of the shape itself, its subject, or all shapes."""
     stated = {
         **settings.cuts.planes,
         **settings.cuts.shapes.get(entry.id.subject, {}),
@@ -93,14 +137,7 @@ def part_cuts(
     }
     factors = internal_factors(settings)
     cuts = {name: _plane(plane, factors) for name, plane in stated.items()}
-    for name, cut in markups.cuts.items():
-        owners = [full for full in settings.ostium_names if name in (full, full.partition(".")[2])]
-        if not owners:
-            raise InputError(
-                f"{entry.cuts}: expected cuts named by an ostium "
-                f'({", ".join(settings.ostium_names)}), found "{name}": rename the markup'
-            )
-        cuts.update(dict.fromkeys(owners, cut))
+    cuts.update(markups.cuts)
     by_part: dict[str, dict[str, Cut]] = {part: {} for part in settings.parts}
     for name, cut in cuts.items():
         part, ostium = split_ostium_name(name)
@@ -116,7 +153,7 @@ def stated_points(settings: StudySettings, markups: Markups) -> dict[str, FloatA
     """
     points = {}
     for name, point in markups.points.items():
-        owners = [full for full in settings.ostium_names if name in (full, full.partition(".")[2])]
+        owners = _owners(settings, name)
         if len(owners) == 1:
             points[owners[0]] = point
     return points
@@ -135,7 +172,7 @@ def _read(settings: StudySettings, part: str, entry: ShapeEntry) -> RawMesh:
     except InputError as error:
         where = "" if str(entry.files[part]) in str(error) else f" ({entry.files[part]})"
         raise InputError(f"{part}{where}: {error}") from None
-    return replace(mesh, vertices=mesh.vertices * internal_factors(settings))
+    return replace(mesh, vertices=placed_vertices(mesh, settings.units, settings.frame))
 
 
 def _joined_mesh(

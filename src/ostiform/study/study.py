@@ -31,15 +31,15 @@ class ShapeEntry:
         Further columns of the sheet.
     notes : tuple of str
         What was concluded about it, one sentence each.
-    cuts : Path or None
-        Its 3D Slicer Markups file.
+    cuts : tuple of Path
+        Its 3D Slicer Markups files.
     """
 
     id: ShapeId
     files: Mapping[str, Path]
     covariates: Mapping[str, str]
     notes: tuple[str, ...] = ()
-    cuts: Path | None = None
+    cuts: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,21 +255,32 @@ def _ordered(
                 time = settings.shapes.times.get(item.phase, rank / len(order))
             files = {part: item.files[part] for part in settings.parts if part in item.files}
             shape = ShapeId(subject, item.phase, time)
-            cuts = _cuts_file(path, folder, settings, item)
+            cuts = _cuts_files(path, folder, settings, item)
             entries.append(ShapeEntry(shape, files, item.covariates, notes, cuts))
     return tuple(entries)
 
 
-def _cuts_file(path: Path, folder: Path, settings: StudySettings, item: _Found) -> Path | None:
+def _cuts_files(
+    path: Path, folder: Path, settings: StudySettings, item: _Found
+) -> tuple[Path, ...]:
     if settings.cuts.markups is None:
-        return None
+        return ()
     name = settings.cuts.markups.replace("{subject}", item.subject).replace("{phase}", item.phase)
+    name = name.replace("{ostium}", "*")
     if "{" in name:
         raise InputError(
-            f"{path.name}: cuts.markups: expected the fields {{subject}} and {{phase}}, found "
-            f'"{settings.cuts.markups}"'
+            f"{path.name}: cuts.markups: expected the fields {{subject}}, {{phase}} and "
+            f'{{ostium}}, found "{settings.cuts.markups}"'
         )
-    return folder / name
+    if "*" not in name:
+        return (folder / name,)
+    found = tuple(sorted(folder.glob(name)))
+    if not found:
+        raise InputError(
+            f'{path.name}: cuts.markups: expected files "{name}" of {item.subject} in {folder}, '
+            "found none"
+        )
+    return found
 
 
 def _missing_phases(by_subject: Mapping[str, Sequence[_Found]], subject: str) -> list[str]:

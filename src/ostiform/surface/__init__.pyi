@@ -13,6 +13,7 @@ from .extraction import level_values as level_values
 from .extraction import zero_set as zero_set
 from .fans import face_fans as face_fans
 from .files import MESH_SUFFIXES as MESH_SUFFIXES
+from .files import read_cloud_or_mesh as read_cloud_or_mesh
 from .files import read_mesh as read_mesh
 from .files import write_surface as write_surface
 from .halfedges import twin_half_edges as twin_half_edges
@@ -39,6 +40,7 @@ from .operators import local_frames as local_frames
 from .operators import median_edge_length as median_edge_length
 from .operators import uniform_laplacian as uniform_laplacian
 from .operators import vertex_areas as vertex_areas
+from .plain_formats import carp_points as carp_points
 from .polylines import read_polylines as read_polylines
 from .quantiles import weighted_quantile as weighted_quantile
 from .queries import ClosestPoints as ClosestPoints
@@ -48,7 +50,10 @@ from .queries import closest_points as closest_points
 from .queries import distances_to_surface as distances_to_surface
 from .queries import moved_tree as moved_tree
 from .queries import surface_tree as surface_tree
+from .raw_mesh import MM_PER_UNIT as MM_PER_UNIT
 from .raw_mesh import RawMesh as RawMesh
+from .raw_mesh import lps_factors as lps_factors
+from .raw_mesh import placed_vertices as placed_vertices
 from .remesh import RemeshedSurface as RemeshedSurface
 from .remesh import RemeshRules as RemeshRules
 from .remesh import isotropic_remeshed as isotropic_remeshed

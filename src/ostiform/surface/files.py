@@ -1,6 +1,7 @@
 """Reading triangle meshes from files, and writing them."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,10 @@ import numpy as np
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
+from ostiform.surface.gifti import read_gifti
 from ostiform.surface.legacy_vtk import read_legacy_vtk
-from ostiform.surface.plain_formats import read_obj, read_ply, read_stl
+from ostiform.surface.plain_formats import read_carp, read_obj, read_off, read_stl
+from ostiform.surface.ply import read_ply
 from ostiform.surface.raw_mesh import Array, RawMesh
 from ostiform.surface.write_vtp import vtp_bytes
 from ostiform.surface.xml_vtk import read_xml_vtk
@@ -21,44 +24,53 @@ _READERS: Mapping[str, Callable[[bytes], RawMesh]] = {
     ".ply": read_ply,
     ".stl": read_stl,
     ".obj": read_obj,
+    ".off": read_off,
+    ".gii": read_gifti,
 }
 
-MESH_SUFFIXES = tuple(_READERS)
+_CARP = ".elem"
+MESH_SUFFIXES = (*_READERS, _CARP)
 
 
 def read_mesh(path: Path) -> RawMesh:
-    """Read a triangle mesh from a VTP, VTK, VTU, PLY, STL or OBJ file.
+    """Read a triangle mesh from a VTP, VTK, VTU, PLY, STL, OBJ, OFF, GIfTI or openCARP file.
 
     Legacy VTK files may hold POLYDATA or an UNSTRUCTURED_GRID. Points and lines are ignored,
     triangle strips become triangles, other polygons fans of triangles (`RawMesh.notes` says so).
     The vertices of an STL file, which has no connectivity, are merged where their positions are
-    exactly equal. Nothing else is repaired.
+    exactly equal. The points of an openCARP ``.elem`` are in the ``.pts`` of its name. Nothing
+    else is repaired.
 
     Raises
     ------
     InputError
         If the file is missing, empty, damaged, of another kind, or holds cells that are not
-        flat or coordinates that are not finite.
+        flat, coordinates that are not finite, or no triangle.
     """
+    mesh = read_cloud_or_mesh(path)
+    if not len(mesh.faces):
+        raise InputError(
+            f"{path}: expected a surface of triangles, found {len(mesh.vertices)} points and no "
+            "triangle"
+        )
+    return mesh
+
+
+def read_cloud_or_mesh(path: Path) -> RawMesh:
+    """Read what `read_mesh` does, or the points alone of a file that has no triangles."""
     suffix = path.suffix.lower()
-    if suffix not in _READERS:
+    if suffix not in MESH_SUFFIXES:
         raise InputError(
             f"{path}: expected a mesh file ending in {', '.join(MESH_SUFFIXES)}, "
             f"found {suffix or 'no ending'}"
         )
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: expected a mesh file, found none: check the path") from None
-    except OSError as error:
-        raise InputError(
-            f"{path}: expected a mesh file, found one that cannot be read ({error.strerror})"
-        ) from None
-    if not content:
-        raise InputError(f"{path}: expected a mesh, found an empty file")
+    content = _content(path)
     try:
         with np.errstate(invalid="ignore", over="ignore"):  # refused by RawMesh
-            mesh = _READERS[suffix](content)
+            if suffix == _CARP:
+                mesh = read_carp(content, _content(path.with_suffix(".pts")))
+            else:
+                mesh = _READERS[suffix](content)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except (ValueError, OverflowError) as error:
@@ -70,6 +82,20 @@ def read_mesh(path: Path) -> RawMesh:
     return without_duplicate_vertices(mesh) if suffix == ".stl" else mesh
 
 
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: expected a mesh file, found none: check the path") from None
+    except OSError as error:
+        raise InputError(
+            f"{path}: expected a mesh file, found one that cannot be read ({error.strerror})"
+        ) from None
+    if not content:
+        raise InputError(f"{path}: expected a mesh, found an empty file")
+    return content
+
+
 def without_duplicate_vertices(mesh: RawMesh) -> RawMesh:
     """Return the mesh with vertices of exactly equal positions merged, the first one kept."""
     _, first, inverse = np.unique(
@@ -79,13 +105,11 @@ def without_duplicate_vertices(mesh: RawMesh) -> RawMesh:
         return mesh
     kept = np.sort(first)
     rank = np.searchsorted(kept, first)
-    return RawMesh(
+    return replace(
+        mesh,
         vertices=mesh.vertices[kept],
         faces=rank[inverse.reshape(-1)][mesh.faces],
         point_data={name: values[kept] for name, values in mesh.point_data.items()},
-        cell_data=mesh.cell_data,
-        space=mesh.space,
-        notes=mesh.notes,
     )
 
 

@@ -15,7 +15,9 @@ from ostiform.errors import InputError
 from ostiform.surface.raw_mesh import (
     Array,
     RawMesh,
+    numbers_of_words,
     polygon_notes,
+    stated_space,
     triangles_of_polygons,
     triangles_of_strips,
 )
@@ -78,11 +80,14 @@ class _Cursor:
                 self.content, position
             )
             if chunk is None:
-                raise InputError("expected more numbers, found the end of the file")
+                raise InputError(
+                    f"expected {count} numbers, found {len(words)} before the end of the file: "
+                    "export the file again"
+                )
             words += chunk.group().split()
             position = chunk.end()
         self.position = position
-        return np.array(words, dtype="S32").astype(np.float64).astype(dtype)
+        return numbers_of_words(words, dtype.str)
 
     def require(self, n_bytes: int) -> None:
         """Refuse to read past the end."""
@@ -144,9 +149,10 @@ def _read_file(content: bytes) -> tuple[_Sections, str | None]:
             f"{' '.join(dataset[:2]) or 'the end of the file'}: extract the surface"
         )
     sections = _read_sections(cursor)
-    stated = re.search(rb"SPACE=(LPS|RAS)", head[2])
-    space = stated[1].decode() if stated else sections.texts.get("SPACE")
-    return sections, space if space in ("LPS", "RAS") else None
+    space = stated_space(head[2].decode("latin-1"))
+    if space is None and "SPACE" in sections.texts:
+        space = stated_space(f"SPACE={sections.texts['SPACE'].strip().upper()}")
+    return sections, space
 
 
 def _read_sections(cursor: _Cursor) -> _Sections:
@@ -276,6 +282,8 @@ def _read_attribute(
     else:
         raise InputError(f'expected a section of a legacy VTK file, found "{words[0][:40]}"')
     values = cursor.values(width * count, kind)
+    if keyword == "COLOR_SCALARS" and not cursor.is_binary:
+        values = np.rint(255.0 * values.clip(0.0, 1.0)).astype(np.uint8)  # as VTK reads them
     current[name] = values if width == 1 else values.reshape(count, width)
 
 

@@ -1,5 +1,6 @@
 """A triangle mesh as its file holds it, before anything is known about its openings."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,10 +13,15 @@ from ostiform.errors import InputError
 
 Array = NDArray[Any]
 
+MM_PER_UNIT: Mapping[str, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001}
+_TO_LPS = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0)}
+_NO_NUMBER = re.compile(rb"([-+]?)(?:1\.#)?(nan|q?s?nan|ind|inf)(?:\w|\(.*\))*", re.IGNORECASE)
+"""Not a number and infinity as Windows programs print them: ``-nan(ind)``, ``1.#QNAN``."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawMesh:
-    """A triangle mesh as its file holds it: unknown frame and units, nothing repaired.
+    """A triangle mesh as its file holds it, nothing repaired; without triangles it is a cloud.
 
     Attributes
     ----------
@@ -27,6 +33,8 @@ class RawMesh:
         ``"LPS"`` or ``"RAS"`` where the file states its frame (3D Slicer's ``SPACE=``).
     notes : tuple of str
         What was changed to have triangles, one sentence each.
+    units : str or None
+        Where the format fixes them, as openCARP's ``um``.
     """
 
     vertices: FloatArray
@@ -35,6 +43,7 @@ class RawMesh:
     cell_data: Mapping[str, Array] = field(default_factory=dict)
     space: str | None = None
     notes: tuple[str, ...] = ()
+    units: str | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
@@ -44,16 +53,68 @@ class RawMesh:
             object.__setattr__(self, name, _frozen_data(getattr(self, name), count))
         if len(self.vertices) == 0:
             raise InputError("expected a surface of triangles, found no points")
-        if len(self.faces) == 0:
-            raise InputError(
-                f"expected a surface of triangles, found {len(self.vertices)} points and no "
-                "triangle"
-            )
-        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
+        if len(self.faces) and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
             raise InputError(
                 f"expected vertex indices from 0 to {len(self.vertices) - 1} in the triangles, "
                 f"found {int(self.faces.min())} to {int(self.faces.max())}"
             )
+
+
+def lps_factors(units: str, frame: str) -> FloatArray:
+    """Return the factors (3,) from units and frame (``"LPS"``, ``"RAS"``) to mm in LPS.
+
+    RAS to LPS turns by 180 degrees about the third axis, so orientation is kept.
+    """
+    return MM_PER_UNIT[units] * np.array(_TO_LPS[frame])
+
+
+def placed_vertices(mesh: RawMesh, units: str, frame: str) -> FloatArray:
+    """Return the vertices (V, 3) in mm and LPS; what the file states itself goes first."""
+    placed: FloatArray = mesh.vertices * lps_factors(mesh.units or units, mesh.space or frame)
+    return placed
+
+
+def stated_space(text: str) -> str | None:
+    """Return the frame that a header or comment states as 3D Slicer does, or None.
+
+    Raises
+    ------
+    InputError
+        If it states another than LPS and RAS.
+    """
+    found = re.search(r"SPACE=(\w+)", text)
+    if found and found[1] not in _TO_LPS:
+        raise InputError(f"expected SPACE=LPS or SPACE=RAS in the header, found {found[0]}")
+    return found[1] if found else None
+
+
+def numbers_of_words(words: Sequence[bytes], kind: str) -> Array:
+    """Return words (n,) as numbers of a type, every digit used; NaN in any program's spelling.
+
+    Raises
+    ------
+    InputError
+        If a number does not fit a type of whole numbers.
+    ValueError
+        If a word is no number.
+    """
+    try:
+        values = np.fromiter(map(float, words), np.float64, len(words))
+    except ValueError:
+        plain = (_NO_NUMBER.sub(_plain_word, word) for word in words)
+        values = np.fromiter(map(float, plain), np.float64, len(words))
+    dtype = np.dtype(kind)
+    if dtype.kind in "iu":
+        reach = np.iinfo(dtype)
+        wrong = ~((values == np.rint(values)) & (values >= reach.min) & (values <= reach.max))
+        if wrong.any():
+            word = words[int(wrong.argmax())].decode("latin-1")
+            raise InputError(f'expected whole numbers of type {dtype.name}, found "{word[:40]}"')
+    return values.astype(dtype)
+
+
+def _plain_word(found: re.Match[bytes]) -> bytes:
+    return found[1] + (b"inf" if found[2].lower() == b"inf" else b"nan")
 
 
 def joined_meshes(meshes: Sequence[RawMesh]) -> RawMesh:

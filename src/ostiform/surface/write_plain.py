@@ -50,7 +50,7 @@ def write_plain_mesh(path: Path, vertices: FloatArray, faces: IntArray) -> None:
 
 def _ply_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
     header = (
-        "ply\nformat binary_little_endian 1.0\ncomment millimetres, LPS\n"
+        "ply\nformat binary_little_endian 1.0\ncomment millimetres, SPACE=LPS\n"
         f"element vertex {len(vertices)}\nproperty double x\nproperty double y\n"
         f"property double z\nelement face {len(faces)}\n"
         "property list uchar int vertex_indices\nend_header\n"
@@ -64,12 +64,12 @@ def _stl_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
     records = np.zeros(len(faces), dtype=_STL_TRIANGLE)
     records["vectors"][:, 0] = face_normals(vertices, faces)
     records["vectors"][:, 1:] = vertices[faces]
-    header = b"binary STL, millimetres, LPS".ljust(80, b" ")
+    header = b"binary STL, millimetres, SPACE=LPS".ljust(80, b" ")
     return header + len(faces).to_bytes(4, "little") + records.tobytes()
 
 
 def _obj_bytes(vertices: FloatArray, faces: IntArray) -> bytes:
-    lines = ["# millimetres, LPS"]
+    lines = ["# millimetres, SPACE=LPS"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
     return ("\n".join(lines) + "\n").encode("ascii")

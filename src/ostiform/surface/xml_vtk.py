@@ -11,6 +11,7 @@ import zlib
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
+import lz4.block
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
@@ -20,7 +21,9 @@ from ostiform.surface.raw_mesh import (
     Array,
     RawMesh,
     joined_meshes,
+    numbers_of_words,
     polygon_notes,
+    stated_space,
     triangles_of_polygons,
     triangles_of_strips,
 )
@@ -47,8 +50,8 @@ class _Encoding:
 def read_xml_vtk(content: bytes) -> RawMesh:
     """Return the triangles of a VTP or VTU file; several pieces become one mesh.
 
-    Arrays may be ASCII, base64 or appended, raw or compressed by zlib or LZMA. Points and lines
-    are ignored, triangle strips become triangles.
+    Arrays may be ASCII, base64 or appended, raw or compressed by zlib, LZMA or LZ4. Points and
+    lines are ignored, triangle strips become triangles.
 
     Raises
     ------
@@ -126,9 +129,9 @@ def _parsed(content: bytes) -> tuple[ElementTree.Element, _Encoding]:
         raise InputError(f"expected header_type UInt32 or UInt64, found {header}")
     order = ">" if root.get("byte_order") == "BigEndian" else "<"
     compressor = root.get("compressor", "").removeprefix("vtk").removesuffix("DataCompressor")
-    if compressor not in ("", "ZLib", "LZMA"):
+    if compressor not in ("", "ZLib", "LZMA", "LZ4"):
         raise InputError(
-            f"expected zlib, LZMA or no compression, found {compressor}: save the file with zlib"
+            f"expected zlib, LZMA, LZ4 or no compression, found {compressor}: save it with zlib"
         )
     return root, _Encoding(order, np.dtype(order + _TYPES[header]), compressor, appended, is_raw)
 
@@ -219,8 +222,8 @@ def _array(listed: ElementTree.Element, encoding: _Encoding, count: int | None) 
         raise InputError(f"expected a VTK number type, found {kind or 'none'}")
     layout = listed.get("format", "ascii")
     if layout == "ascii":
-        words = (listed.text or "").split()
-        values: Array = np.array(words, dtype="U32").astype(np.float64).astype(_TYPES[kind])
+        words = (listed.text or "").encode("ascii", "replace").split()
+        values: Array = numbers_of_words(words, _TYPES[kind])
     else:
         raw = _decoded(_stored(listed, layout, encoding), encoding, layout)
         dtype = np.dtype(encoding.byte_order + _TYPES[kind])
@@ -291,9 +294,11 @@ def _decompressed(block: bytes, size: int, compressor: str) -> bytes:
     try:
         if compressor == "ZLib":
             plain = zlib.decompressobj().decompress(block, size)
+        elif compressor == "LZ4":
+            plain = lz4.block.decompress(block, uncompressed_size=size)
         else:
             plain = lzma.LZMADecompressor().decompress(block, size)
-    except (zlib.error, lzma.LZMAError) as error:
+    except (zlib.error, lzma.LZMAError, lz4.block.LZ4BlockError) as error:
         raise InputError(f"expected compressed data, found a damaged block: {error}") from None
     if len(plain) != size:
         raise InputError(f"expected a block of {size} bytes, found {len(plain)}")
@@ -309,8 +314,8 @@ def _stated_space(grid: ElementTree.Element | None, encoding: _Encoding) -> str 
         codes = bytes(int(word) for word in (listed.text or "").split())
     else:
         codes = _decoded(_stored(listed, layout, encoding), encoding, layout)
-    space = codes.partition(b"\0")[0].decode("latin-1").strip().upper()
-    return space if space in ("LPS", "RAS") else None
+    stated = codes.partition(b"\0")[0].decode("latin-1").strip().upper()
+    return stated_space(f"SPACE={stated}") if stated else None
 
 
 def _number(element: ElementTree.Element, key: str, default: int = 0) -> int:
