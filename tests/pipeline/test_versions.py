@@ -22,7 +22,7 @@ pytestmark = pytest.mark.xdist_group("small_results")
 
 STORED = {
     "demonstration": (1, 34.7582),
-    "ingest": (1, 34.433681),
+    "ingest": (2, 34.433681),
     "prepare": (1, 34.834997),
     "domain": (1, 1.9248165),
     "embedding": (1, 1.3419869),
