@@ -13,7 +13,7 @@ from ostiform.exchange.landmarks import read_landmarks
 from ostiform.exchange.particles import read_particles, read_project
 from ostiform.fitting.files import FileRules, read_named_points, read_targets
 from ostiform.model.corresponded import read_corresponded_shapes
-from ostiform.pipeline.report_record import read_record
+from ostiform.pipeline.record import read_record
 from ostiform.pipeline.store import Store
 from ostiform.surface.polylines import read_polylines
 

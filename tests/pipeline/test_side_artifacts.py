@@ -1,5 +1,6 @@
 """Artifacts beside the report: animations of the model, and the further columns of the sheet."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from ostiform.model import (
     fit_model,
     mesh_of_template,
     project,
+    write_model,
 )
 from ostiform.pipeline.animations import mean_cycle_animation, write_animations
 from ostiform.pipeline.covariates import COVARIATES, read_covariates, write_covariates
@@ -46,16 +48,21 @@ def run_of(folder: Path, entries: dict[ShapeId, dict[str, str]]) -> Run:
 
 
 def test_animations_are_written_once_and_again_when_the_model_changes(stored, tmp_path):
-    store, short = Store(tmp_path), stored.model.truncated(1)
-    write_animations(store, "key", short, None)
+    store = Store(tmp_path)
+    write_model(
+        tmp_path / "model.h5",
+        replace(stored, model=stored.model.truncated(1), scores=stored.scores[:, :1]),
+    )
     path = tmp_path / "animations" / "mode1.webp"
-    assert (tmp_path / "animations" / "mode1" / "0000.png").is_file()
-    assert not (tmp_path / "animations" / "cycle.webp").exists()
-    first = path.stat().st_mtime_ns
-    write_animations(store, "key", short, None)
-    assert path.stat().st_mtime_ns == first
-    write_animations(store, "other", short, None)
-    assert path.stat().st_mtime_ns > first
+    with Workers(1) as workers:
+        write_animations(store, "key", workers)
+        assert (tmp_path / "animations" / "mode1" / "0000.png").is_file()
+        assert not (tmp_path / "animations" / "cycle.webp").exists()
+        first = path.stat().st_mtime_ns
+        write_animations(store, "key", workers)
+        assert path.stat().st_mtime_ns == first
+        write_animations(store, "other", workers)
+        assert path.stat().st_mtime_ns > first
 
 
 def test_the_mean_cycle_is_animated(stored):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ostiform.evaluation import left_out_point_residues, part_volumes
+from ostiform.evaluation import clinical_table, left_out_point_residues
 from ostiform.model import (
     StoredModel,
     dynamic_model_of,
@@ -78,7 +78,7 @@ def report(tmp_path_factory):
         (
             viewer_section(stored, dynamic_model_of(stored), residues),
             modes_section(model),
-            volumes_section(shapes.ids, part_volumes(shapes.points, model.mesh)),
+            volumes_section(clinical_table(shapes.ids, shapes.points, shapes.aligned, model.mesh)),
             Section("long", "Long", (), (), (Table("rows", ("a", "b"), (("x" * 60, "1"),) * 12),)),
         ),
         ("a warning",),

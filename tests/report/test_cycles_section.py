@@ -1,10 +1,11 @@
 """What the report says about motion, with and without phases, and the files beside it."""
 
-import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from ostiform.errors import ArtifactError
 from ostiform.evaluation import (
     clinical_table,
     dynamic_evaluation_facts,
@@ -16,16 +17,29 @@ from ostiform.model import (
     fit_model,
     mesh_of_template,
     project,
-    read_model,
     variance_shares,
+    with_landmarks_aligned,
 )
-from ostiform.pipeline.dynamics import write_dynamics
+from ostiform.pipeline.dynamics import read_dynamics, write_dynamics
 from ostiform.pipeline.store import Store
 from ostiform.report import clinical_section, cycles_section
 from ostiform.report.cycles import clinical_figure
+from ostiform.study import StudySettings
 from tests.populations import population, two_part_template
 
-SETTINGS = {"seed": 0, "evaluation": {"specificity_samples": 50}}
+
+def settings_of(landmarks):
+    return StudySettings.model_validate(
+        {
+            "schema": 1,
+            "units": "mm",
+            "frame": "LPS",
+            "parts": {"LV": {"ostia": ["mitral"]}},
+            "shapes": {"sheet": "shapes.csv"},
+            "cycle": {"landmarks": landmarks},
+            "evaluation": {"specificity_samples": 50},
+        }
+    )
 
 
 def stored_population(subjects, phases):
@@ -86,40 +100,38 @@ def test_an_opening_that_two_parts_share_is_drawn_once():
 
 def test_a_population_without_phases_has_sizes_but_no_motion(tmp_path):
     shapes, stored = stored_population(5, 1)
-    found = write_dynamics(Store(tmp_path), "key", stored, shapes, SETTINGS)
-    assert found.evaluation is None
-    for section in (cycles_section(found.evaluation), clinical_section(found.clinical)):
+    store = Store(tmp_path)
+    write_dynamics(store, "key", stored, settings_of({}))
+    assert read_dynamics(store) is None
+    clinical = clinical_table(shapes.ids, shapes.points, shapes.aligned, stored.model.mesh)
+    for section in (cycles_section(None), clinical_section(clinical)):
         assert len(section.paragraphs) == 1
         assert not section.pictures
-    assert not cycles_section(found.evaluation).tables
-    (sizes,) = clinical_section(found.clinical).tables
+    assert not cycles_section(None).tables
+    (sizes,) = clinical_section(clinical).tables
     rows = {row[0]: row[1:] for row in sizes.rows}
-    volumes = found.clinical.column("LV_volume_ml")
+    volumes = clinical.column("LV_volume_ml")
     assert float(rows["LV volume (ml)"][0]) == pytest.approx(volumes.mean(), abs=0.05)
     assert str(shapes.ids[int(volumes.argmax())]) in rows["LV volume (ml)"][3]
     assert "LV.aortic largest diameter (mm)" in rows
-    assert not (tmp_path / "dynamics.json").exists()
-    assert (tmp_path / "clinical.csv").is_file()
 
 
-def test_the_dynamic_model_can_be_read_back(tmp_path):
-    shapes, stored = stored_population(3, 4)
+def test_what_a_run_knows_of_motion_comes_back_without_a_fit(tmp_path):
+    _, stored = stored_population(3, 4)
     events = {f"subject {s}": [0.3 + 0.1 * s] for s in range(3)}
-    settings = {**SETTINGS, "cycle": {"landmarks": events}}
-    found = write_dynamics(Store(tmp_path), "key", stored, shapes, settings)
-    again = dynamic_model_of(read_model(tmp_path / "dynamics.h5"))
-    model = found.evaluation.model
-    np.testing.assert_allclose(again.between.variances, model.between.variances, rtol=1e-6)
-    np.testing.assert_allclose(
-        again.trajectories.left_out_errors, model.trajectories.left_out_errors, rtol=1e-5
-    )
+    store = Store(tmp_path)
+    write_dynamics(store, "key", stored, settings_of(events))
+    found = read_dynamics(store)
     # The events of the three subjects fall on their mean, 0.4 of the cycle.
-    times = {str(id): id.time for id in again.ids}
+    times = {str(id): id.time for id in found.model.ids}
     np.testing.assert_allclose(times["subject 0/ph01"], 0.25 / 0.3 * 0.4)
-    with (tmp_path / "clinical.csv").open(encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
-    assert len(rows) == 12
-    assert float(rows[0]["LV_volume_ml"]) > 0.0
+    ids = with_landmarks_aligned(stored.ids, events)
+    fitted = evaluate_dynamic_model(dynamic_model_of(replace(stored, ids=ids)), 0, 50)
+    assert dynamic_evaluation_facts(found) == dynamic_evaluation_facts(fitted)
+    facts = store.read_json("dynamics.json")
+    store.write_json("dynamics.json", "key", {**facts, "levels": {}})
+    with pytest.raises(ArtifactError, match="expected the evaluation of dynamics.h5"):
+        read_dynamics(store)
 
 
 def test_two_subjects_are_not_left_out():

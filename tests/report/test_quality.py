@@ -9,9 +9,15 @@ from ostiform.domain import BaseDomain, Circle, Sphere
 from ostiform.embedding import Certificate, Distortion
 from ostiform.evaluation import Coverage, evaluate_model, left_out_point_residues
 from ostiform.evaluation.generalisation import OriginalMesh
+from ostiform.evaluation.map_records import (
+    ANGLE_EDGES,
+    AREA_EDGES,
+    ComponentRecord,
+    MapRecord,
+    sampled_kinks,
+)
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
-from ostiform.report import FailedShape, MapRecord, quality_section, sampled_kinks
-from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, ComponentRecord
+from ostiform.report import FailedShape, quality_section
 from ostiform.report.quality import FLAGGED_ABOVE, MOST_PICTURES, flagged_measures, modified_scores
 from ostiform.surface import Seam, Surface
 from tests.populations import population, two_part_template

@@ -7,12 +7,9 @@ from dataclasses import replace
 import pytest
 
 from ostiform.errors import ArtifactError, InputError
-from ostiform.execution import Workers
 from ostiform.pipeline.build import build_study
 from ostiform.pipeline.events import Note
-from ostiform.pipeline.report import report_again
-from ostiform.pipeline.report_only import report_study
-from ostiform.pipeline.report_record import (
+from ostiform.pipeline.record import (
     InputFile,
     RunRecord,
     after,
@@ -20,6 +17,7 @@ from ostiform.pipeline.report_record import (
     read_record,
     write_record,
 )
+from ostiform.pipeline.report import report_results
 from ostiform.pipeline.run import Failure, Ready
 from ostiform.pipeline.store import Store, file_hash
 from ostiform.report.html import FIGURE_NAMES
@@ -110,8 +108,41 @@ def test_inputs_are_the_same_or_changed_or_gone(tmp_path):
 
 
 def test_a_folder_without_a_finished_run_is_refused(tmp_path):
-    with Workers(1) as workers, pytest.raises(ArtifactError, match="found no run.json"):
-        report_again(tmp_path, workers, lambda _: None)
+    with pytest.raises(ArtifactError, match="found no run.json"):
+        report_results(tmp_path)
+
+
+def contents(folder):
+    """Give the bytes of all files of a folder but those of its report and its lock."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+        and not {"figures", "animations", "report.html", "report.html.json", "lock"}
+        & {*path.relative_to(folder).parts}
+    }
+
+
+@pytest.mark.xdist_group("small_results")
+def test_a_copy_without_surfaces_has_the_same_report_and_nothing_else_is_written(
+    small_results, tmp_path
+):
+    whole, bare = tmp_path / "whole", tmp_path / "elsewhere" / "bare"
+    for copy in (whole, bare):
+        shutil.copytree(small_results, copy)
+    for name in ("shapes", "embeddings", "surveys", "folds", "conformal/model.h5"):
+        path = bare / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    before = contents(bare)
+    pages = []
+    for copy in (whole, bare):
+        summary = report_results(copy)
+        pages.append((copy / "report.html").read_text("utf-8"))
+        figures = {path.name for path in (copy / "figures").iterdir()}
+        assert {"maps-paper.svg", "flagged1.png"} <= figures
+    assert contents(bare) == before
+    assert summary.shapes == json.loads((bare / "run.json").read_text("utf-8"))["entries"]
+    assert pages[0] == pages[1]
 
 
 @pytest.mark.long
@@ -130,7 +161,7 @@ def test_the_report_needs_neither_study_nor_meshes(example_folder, tmp_path):
     for name in ("flagged99.svg", "left-out.pdf", "mine.png"):
         (output / "figures" / name).write_text("an earlier one")
     heard = []
-    summary = report_study(tmp_path / "gone" / "study.toml", output, on_event=heard.append)
+    summary = report_results(tmp_path / "gone" / "study.toml", output, on_event=heard.append)
     assert summary.shapes == json.loads((output / "run.json").read_text("utf-8"))["entries"]
     assert (output / "report.html").stat().st_size < 8_000_000
     for suffix in ("svg", "pdf", "png"):

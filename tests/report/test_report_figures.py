@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ostiform.evaluation import volume_curves
+from ostiform.evaluation.map_records import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
 from ostiform.model import fit_model, mesh_of_template
 from ostiform.report.curves import (
     MODES_DRAWN,
@@ -19,7 +20,6 @@ from ostiform.report.curves import (
     volumes_figure,
 )
 from ostiform.report.distortions import distortion_figure, seam_figure
-from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
 from ostiform.report.maps import MapPanel, map_figure
 from ostiform.report.modes import model_views, modes_figure
 from ostiform.report.point_pictures import (

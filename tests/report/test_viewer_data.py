@@ -6,7 +6,12 @@ import json
 import numpy as np
 import pytest
 
-from ostiform.evaluation import left_out_point_residues, part_volumes
+from ostiform.evaluation import (
+    ClinicalTable,
+    clinical_table,
+    left_out_point_residues,
+    part_volumes,
+)
 from ostiform.model import (
     StoredModel,
     dynamic_model_of,
@@ -126,14 +131,16 @@ def test_a_page_that_would_grow_too_large_loses_the_last_modes(stored, monkeypat
 
 
 def test_volumes_are_told_as_curves_or_as_a_table(stored):
-    points = reconstruct(stored.model, stored.scores)
+    points = stored.model.reconstruct(stored.scores)
+    whole = clinical_table(stored.ids, points, points, stored.model.mesh)
     volumes = part_volumes(points, stored.model.mesh)
-    curves = volumes_section(stored.ids, volumes)
+    for part, values in whole.volumes.items():
+        np.testing.assert_allclose(values, volumes[part], rtol=1e-12)
+    curves = volumes_section(whole)
     assert [picture.name for picture in curves.pictures] == ["volumes"]
     assert len(curves.tables[0].rows) == 6
     few = [0, 4, 8]  # one phase of every subject
-    table = volumes_section(
-        [stored.ids[i] for i in few], {part: values[few] for part, values in volumes.items()}
-    )
+    ids = tuple(stored.ids[i] for i in few)
+    table = volumes_section(ClinicalTable(ids, whole.columns, whole.values[few]))
     assert table.pictures == ()
-    assert [row[0] for row in table.tables[0].rows] == [str(stored.ids[i]) for i in few]
+    assert [row[0] for row in table.tables[0].rows] == [str(id) for id in ids]

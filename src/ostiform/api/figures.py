@@ -1,8 +1,7 @@
 """The figures of the report as Matplotlib figures, to be changed, shown or saved.
 
 Each function takes the `Results` of a build (all stages but the report are enough), or a model,
-and returns a `matplotlib.figure.Figure` of print size. Nothing is written but the paper's chain
-of maps, which `maps` keeps in the results folder.
+and returns a `matplotlib.figure.Figure` of print size. Nothing is written.
 """
 
 from typing import Any
@@ -12,18 +11,17 @@ from matplotlib.figure import Figure
 
 from ostiform.api.results import Results
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import load
 from ostiform.correspondence import KINDS
 from ostiform.domain import BaseDomain, domain_from_json
 from ostiform.errors import InputError
-from ostiform.evaluation import compare, cumulative_variance_error, part_volumes, volume_curves
-from ostiform.execution import Workers
+from ostiform.evaluation import MapRecords, compare, part_volumes, volume_curves
 from ostiform.model import ShapeModel
 from ostiform.pipeline import (
-    Ready,
+    INTERVALS,
+    MAPS,
     Store,
-    embedding_artifact,
-    file_hash,
-    map_records,
+    shown_map,
     slug,
     state_view,
 )
@@ -33,12 +31,10 @@ from ostiform.report import (
     evidence_section,
     maps_section,
     modes_figure,
-    sampled_kinks,
     scores_figure,
     shapes_figure,
     volumes_figure,
 )
-from ostiform.study import ShapeId
 
 
 def evidence(results: Results) -> Figure:
@@ -47,15 +43,12 @@ def evidence(results: Results) -> Figure:
     Bands are 95 % intervals over subjects; for the specificity they are the sampling error.
     """
     evaluations = {str(kind): results.evaluated(kind) for kind in KINDS}
-    stored = {str(kind): results.stored(kind) for kind in KINDS}
+    widths = Store(results.folder).read_json(INTERVALS)["cumulative_variance_half_width_mm2"]
     section = evidence_section(
         evaluations,
         [compare(evaluations["optimal"], evaluations[kind]) for kind in KINDS[:-1]],
         {},
-        {
-            kind: cumulative_variance_error(item.scores, [id.subject for id in item.ids])
-            for kind, item in stored.items()
-        },
+        {kind: np.array(half) for kind, half in widths.items()},
     )
     return _picture(section, "evidence")
 
@@ -193,29 +186,20 @@ def distortion(results: Results) -> Figure:
 
 
 def _maps(results: Results, name: str, shape: str | None, part: str | None) -> Figure:
-    correspondence = results.correspondence
-    store = Store(results.folder)
-    ready = {str(id): _ready(store, id) for id in correspondence.ids}
-    wanted = next(iter(ready)) if shape is None else shape
-    if wanted not in ready:
+    store, domain = Store(results.folder), _domain(results)
+    ids = {str(id): id for id in results.stored().ids}
+    wanted = next(iter(ids)) if shape is None else shape
+    if wanted not in ids:
         raise InputError(
-            f"shape to draw: expected one of {', '.join(ready)}, found {wanted}; "
+            f"shape to draw: expected one of {', '.join(ids)}, found {wanted}; "
             "shapes that were left out have no map"
         )
-    domain = _domain(results)
     parts = [own for sphere in domain.spheres for own in sphere.parts]
     if part is not None and part not in parts:
         raise InputError(f"part to draw: expected one of {', '.join(parts)}, found {part}")
-    view = state_view(store, ready[wanted], part, domain, _facts(results))
-    shown = ready.values() if name == "distortion" else [ready[wanted]]
-    with Workers(1) as workers:
-        records = map_records(store, shown, workers)
-    return _picture(maps_section(records, view, sampled_kinks(correspondence, domain)), name)
-
-
-def _ready(store: Store, shape: ShapeId) -> Ready:
-    name = slug(shape)
-    return Ready(shape, name, file_hash(store.path(embedding_artifact(name))))
+    chain = shown_map(store, slug(ids[wanted]), part, domain)
+    view = state_view(wanted, chain, part, domain, _facts(results))
+    return _picture(maps_section(load(store.path(MAPS), MapRecords), view), name)
 
 
 def _facts(results: Results) -> Any:

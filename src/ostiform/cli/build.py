@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output, Scheduler, StudyPath
@@ -69,23 +72,32 @@ def evaluate(
 
 
 def report(
-    study: StudyPath,
-    output: Output = Path("out"),
+    source: Annotated[Path, Parameter(help="A folder of results, or the study of its run.")],
+    output: Annotated[
+        Path | None,
+        Parameter(name=["--output", "-o"], help="The folder of results, where a study is given."),
+    ] = None,
     *,
     scheduler: Scheduler = None,
     common: Common = DEFAULTS,
 ) -> int:
-    """Write the report again, from the output folder alone if nothing has changed.
+    """Write the report again, from a folder of results alone.
 
-    The study and its meshes may be gone by then. Where the study or a mesh has changed, or no
-    run has been finished, the stages before are run first.
+    The study and its meshes may be gone, and the folder may be a copy. Where a study is given
+    (then the folder is `out` unless said otherwise) and it or a mesh has changed, or no run has
+    been finished, the stages before are run first.
     """
+    folder = Path("out") if output is None and not source.is_dir() else output
     return run_command(
         common,
         lambda on_event: show_summary(
             common,
-            pipeline.report_study(
-                study, output, workers=worker_count(common), scheduler=scheduler, on_event=on_event
+            pipeline.report_results(
+                source,
+                folder,
+                workers=worker_count(common),
+                scheduler=scheduler,
+                on_event=on_event,
             ),
         ),
     )

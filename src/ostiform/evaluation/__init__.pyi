@@ -52,7 +52,17 @@ from .jackknife import cumulative_variance_error as cumulative_variance_error
 from .jackknife import gain_interval as gain_interval
 from .levels import DynamicEvaluation as DynamicEvaluation
 from .levels import dynamic_evaluation_facts as dynamic_evaluation_facts
+from .levels import dynamic_evaluation_from_facts as dynamic_evaluation_from_facts
 from .levels import evaluate_dynamic_model as evaluate_dynamic_model
+from .map_records import ANGLE_EDGES as ANGLE_EDGES
+from .map_records import AREA_EDGES as AREA_EDGES
+from .map_records import JUMP_EDGES as JUMP_EDGES
+from .map_records import ComponentRecord as ComponentRecord
+from .map_records import MapRecord as MapRecord
+from .map_records import MapRecords as MapRecords
+from .map_records import SeamKink as SeamKink
+from .map_records import map_record as map_record
+from .map_records import sampled_kinks as sampled_kinks
 from .measurements import ClinicalTable as ClinicalTable
 from .measurements import LongAxis as LongAxis
 from .measurements import RimMeasures as RimMeasures

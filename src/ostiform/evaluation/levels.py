@@ -1,12 +1,12 @@
 """The evidence about a dynamic model: its levels, who and when, and its trajectories (design 6)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ostiform import __version__
-from ostiform.arrays import FloatArray
 from ostiform.evaluation.dynamics import LEVELS, LevelResidues, level_residues
 from ostiform.evaluation.folds import Division, cross_validation_folds
 from ostiform.evaluation.generalisation import MODE_COUNTS
@@ -26,6 +26,8 @@ from ostiform.model import (
 
 QUICK = TrajectorySettings(harmonics=(3,), smoothness=(1e-3,), stiffness=(10.0,), powers=(4,))
 """For models of folds, of which only the levels are used."""
+
+_SPECIFICITY = ("mode_counts", "mean", "standard_error")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,13 +112,15 @@ def dynamic_evaluation_facts(evaluation: DynamicEvaluation) -> dict[str, Any]:
             else [share.low, share.high],
             "left_out_residue_mm": None
             if residues is None or name == "total"
-            else _mean_residue(residues, name).tolist(),
+            else getattr(residues, name).mean(axis=0).tolist(),
+            "left_out_residues_mm": None
+            if residues is None or name == "total"
+            else getattr(residues, name).tolist(),
             "specificity_mm": None
             if found is None
             else {
-                "mode_counts": found.mode_counts.tolist(),
-                "mean": found.mean.tolist(),
-                "standard_error": found.standard_error.tolist(),
+                **{key: getattr(found, key).tolist() for key in _SPECIFICITY},
+                "n_samples": found.n_samples,
             },
         }
     return {
@@ -133,6 +137,7 @@ def dynamic_evaluation_facts(evaluation: DynamicEvaluation) -> dict[str, Any]:
         "levels": levels,
         "mode_counts": list(MODE_COUNTS),
         "left_out": None if evaluation.division is None else evaluation.division.value,
+        "left_out_subjects": None if residues is None else list(residues.subjects),
         "left_out_phases": None
         if phases is None
         else {
@@ -143,9 +148,38 @@ def dynamic_evaluation_facts(evaluation: DynamicEvaluation) -> dict[str, Any]:
     }
 
 
-def _mean_residue(residues: LevelResidues, name: str) -> FloatArray:
-    values: FloatArray = getattr(residues, name).mean(axis=0)
-    return values
+def dynamic_evaluation_from_facts(
+    facts: Mapping[str, Any], model: DynamicModel
+) -> DynamicEvaluation:
+    """Return the evaluation of a dynamic model from what `dynamic_evaluation_facts` returned."""
+    levels, phases = facts["levels"], facts["left_out_phases"]
+    return DynamicEvaluation(
+        model=model,
+        shares={
+            name: VarianceShare(
+                levels[name]["share"], *(levels[name]["share_95_percent"] or (None, None))
+            )
+            for name in LEVELS
+        },
+        residues=None
+        if facts["left_out_subjects"] is None
+        else LevelResidues(
+            tuple(facts["left_out_subjects"]),
+            *(np.array(levels[name]["left_out_residues_mm"]) for name in LEVELS),
+        ),
+        division=None if facts["left_out"] is None else Division(facts["left_out"]),
+        specificity={
+            name: Specificity(
+                **{key: np.array(found[key]) for key in _SPECIFICITY},
+                n_samples=found["n_samples"],
+            )
+            for name in LEVELS
+            if (found := levels[name]["specificity_mm"]) is not None
+        },
+        phases=None
+        if phases is None
+        else PhasePrediction(phases["trajectory_mm"], phases["interpolation_mm"], phases["phases"]),
+    )
 
 
 def _left_out(model: DynamicModel) -> tuple[LevelResidues | None, Division | None]:

@@ -29,6 +29,7 @@ from ostiform.surface import vertex_areas
 from ostiform.values import Axes, value
 
 MM3_PER_ML = 1000.0
+VOLUME = "_volume_ml"
 THIRD = 1.0 / 3.0
 
 
@@ -81,6 +82,15 @@ class ClinicalTable:
     ids: Annotated[tuple[ShapeId, ...], Axes("N")]
     columns: Annotated[tuple[str, ...], Axes("columns")]
     values: Annotated[FloatArray, Axes("N", "columns")]
+
+    @property
+    def volumes(self) -> dict[str, FloatArray]:
+        """Volume (N,) in mm^3 of every part."""
+        return {
+            name.removesuffix(VOLUME): MM3_PER_ML * self.values[:, index]
+            for index, name in enumerate(self.columns)
+            if name.endswith(VOLUME)
+        }
 
     def column(self, name: str) -> FloatArray:
         """Return one column (N,).
@@ -172,7 +182,7 @@ def clinical_measures(
     for part, volumes in part_volumes(shapes, mesh).items():
         reference = int(volumes.argmax())
         ejected = 100.0 * (1.0 - volumes / volumes[reference])
-        columns[f"{part}_volume_ml"] = volumes / MM3_PER_ML
+        columns[f"{part}{VOLUME}"] = volumes / MM3_PER_ML
         columns[f"{part}_ejected_percent"] = ejected
         columns[f"{part}_ejection_fraction_percent"] = np.full(len(shapes), ejected.max())
         if part in axes:

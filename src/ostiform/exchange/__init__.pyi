@@ -20,6 +20,7 @@ from .particles import write_particles as write_particles
 from .particles import write_swproj as write_swproj
 from .particles import write_xlsx_project as write_xlsx_project
 from .shapes_vtp import write_shape_vtp as write_shape_vtp
+from .tables import read_shape_values_csv as read_shape_values_csv
 from .tables import write_scores_csv as write_scores_csv
 from .tables import write_shape_values_csv as write_shape_values_csv
 from .tables import write_volumes_csv as write_volumes_csv

@@ -1,11 +1,13 @@
 """What is known of every shape as CSV: scores, volumes and other numbers, one row per shape."""
 
+import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.errors import ArtifactError
 from ostiform.model import StoredModel
 from ostiform.study import ShapeId
 from ostiform.tables import write_table
@@ -29,6 +31,36 @@ def write_shape_values_csv(
         for id, row in zip(ids, values, strict=True)
     )
     write_table(path, [*IDENTITY, *columns], rows)
+
+
+def read_shape_values_csv(path: Path) -> tuple[tuple[ShapeId, ...], tuple[str, ...], FloatArray]:
+    """Read what `write_shape_values_csv` wrote.
+
+    Returns
+    -------
+    ids : (N,) tuple of ShapeId
+    columns : (C,) tuple of str
+    values : (N, C) float64
+
+    Raises
+    ------
+    ArtifactError
+        If the file is missing or another one.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as stream:
+            header, *rows = csv.reader(stream)
+        if tuple(header[:3]) != IDENTITY:
+            raise ValueError(f"the columns {', '.join(header[:3])}")
+        ids = tuple(ShapeId(subject, phase, float(time)) for subject, phase, time, *_ in rows)
+        columns = tuple(header[3:])
+        values = np.array([row[3:] for row in rows], dtype=np.float64)
+        return ids, columns, values.reshape(len(ids), len(columns))
+    except (OSError, ValueError) as error:
+        raise ArtifactError(
+            f"{path}: expected a table of shapes that this program wrote, found {error}; run "
+            "`ostiform model` on this output folder"
+        ) from error
 
 
 def write_scores_csv(path: Path, stored: StoredModel) -> None:

@@ -2,12 +2,14 @@
 
 Artifacts, in a new folder: ``correspondence.h5`` and ``model.h5`` (both also in ``optimal/``),
 ``warps.h5``, ``opened/``, ``shapes/`` and ``embeddings/`` of the new shapes, ``scores.csv``,
-``volumes.csv``, ``domain.json``, ``correspondence.json``, ``failed.json`` and ``added.json``.
+``volumes.csv``, ``clinical.csv``, ``domain.json``, ``correspondence.json``, ``failed.json`` and
+``added.json``.
 """
 
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +23,14 @@ from ostiform.correspondence import (
     side_by_side,
 )
 from ostiform.errors import InputError
-from ostiform.evaluation import OriginalMesh, part_volumes, shape_coverage
-from ostiform.exchange import write_scores_csv, write_volumes_csv
+from ostiform.evaluation import OriginalMesh, shape_coverage
 from ostiform.model import (
     StoredModel,
-    fit_model,
-    mesh_of_template,
-    project,
+    analysed,
+    corresponded_shapes,
     read_frozen,
     read_warps,
-    reconstruct,
     write_correspondence,
-    write_model,
     write_warps,
 )
 from ostiform.pipeline.arrays_file import write_embeddings
@@ -47,6 +45,7 @@ from ostiform.pipeline.finished import (
     read_named,
 )
 from ostiform.pipeline.landmarks import stated_marks
+from ostiform.pipeline.results import Writer, copy_artifact, result_files, write_all
 from ostiform.pipeline.store import Store, key_of, slug
 from ostiform.study import (
     Shape,
@@ -189,9 +188,8 @@ def _refitted(
 ) -> tuple[Correspondence, StoredModel, list[float]]:
     linear = placed.transforms[:, None, :3, :3]
     aligned = (linear @ placed.points[..., None])[..., 0] + placed.transforms[:, None, :3, 3]
-    mesh = mesh_of_template(before.template)
-    old = fit_model(before.aligned, before.weights, mesh)
-    left = aligned - reconstruct(old, project(old, aligned))  # (n, P, 3)
+    old = analysed(corresponded_shapes(before)).model
+    left = aligned - old.reconstruct(old.project(aligned))  # (n, P, 3)
     residues = np.sqrt((left**2).sum(axis=2) @ before.weights)
     ids: tuple[ShapeId, ...] = (*before.ids, *new)
     after = Correspondence(
@@ -203,8 +201,7 @@ def _refitted(
         transforms=np.concatenate([before.transforms, placed.transforms]),
         weights=before.weights,
     )
-    model = fit_model(after.aligned, after.weights, mesh)
-    stored = StoredModel(model, project(model, after.aligned), ids, after.template)
+    stored = analysed(corresponded_shapes(after), after.template)
     return after, stored, [float(value) for value in residues]
 
 
@@ -215,21 +212,15 @@ def _write(
     correspondence: Correspondence,
     stored: StoredModel,
 ) -> None:
-    with store.writing("correspondence.h5", key) as path:
-        write_correspondence(path, correspondence)
-    with store.writing("model.h5", key) as path:
-        write_model(path, stored)
-    for name in ("correspondence.h5", "model.h5"):
-        with store.writing(f"optimal/{name}", key) as path:
-            shutil.copyfile(store.path(name), path)
+    files: dict[str, Writer] = {
+        "correspondence.h5": partial(write_correspondence, correspondence=correspondence),
+        **result_files(stored, corresponded_shapes(correspondence)),
+    }
     for name in ("domain.json", "correspondence.json", "failed.json"):
-        with store.writing(name, key) as path:
-            shutil.copyfile(finished.store.path(name), path)
-    with store.writing("scores.csv", key) as path:
-        write_scores_csv(path, stored)
-    volumes = part_volumes(correspondence.points, stored.model.mesh)
-    with store.writing("volumes.csv", key) as path:
-        write_volumes_csv(path, correspondence.ids, volumes)
+        files[name] = partial(shutil.copyfile, finished.store.path(name))
+    write_all(store, key, files)
+    for name in ("correspondence.h5", "model.h5"):
+        copy_artifact(store, name, f"optimal/{name}", key)
 
 
 def _original(shape: Shape) -> OriginalMesh:

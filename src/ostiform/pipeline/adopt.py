@@ -2,12 +2,13 @@
 
 Artifacts: ``model.h5``, ``correspondence.h5`` and, where there are triangles, ``evaluation.json``,
 all three also in ``optimal/`` where the results of a build have them; ``scores.csv``,
-``volumes.csv``, ``meshes/mean.vtp`` and ``adopted.json`` (from what, and what was concluded).
+``volumes.csv``, ``clinical.csv``, ``meshes/mean.vtp`` and ``adopted.json`` (from what, and what
+was concluded).
 """
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,24 +29,21 @@ from ostiform.evaluation import (
     fold_residues,
     model_compactness,
     model_specificity,
-    part_volumes,
     shape_coverage,
     write_evaluation,
 )
-from ostiform.exchange import OrderedShapes, write_scores_csv, write_volumes_csv
+from ostiform.exchange import OrderedShapes
 from ostiform.model import (
     CorrespondedShapes,
     ShapeModel,
-    StoredModel,
-    fit_model,
-    project,
+    analysed,
     write_corresponded_shapes,
     write_mean,
-    write_model,
 )
 from ostiform.pipeline.adopt_sources import SourceSettings, read_source
 from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.events import Note, OnEvent, Progress, Warn
+from ostiform.pipeline.results import Writer, copy_artifact, result_files, write_all
 from ostiform.pipeline.store import Store, key_of
 from ostiform.study import ShapeId
 from ostiform.surface import face_areas, face_normals, median_edge_length, vertex_areas
@@ -128,22 +126,24 @@ def adopt_shapes(
     watch(Progress("read", 1, 1))
     _refuse_mirrored(found)
     shapes = corresponded(found, alignment, _groups(found.ids, per))
-    model = fit_model(shapes.aligned, shapes.weights, shapes.mesh)
-    stored = StoredModel(model, project(model, shapes.aligned), shapes.ids, None)
+    stored = analysed(shapes)
     notes = [*found.notes, *_folds(shapes)]
     store = Store(output)
     key = key_of("adopted", str(source), alignment, [str(id) for id in found.ids])
-    with store.writing("correspondence.h5", key) as path:
-        write_corresponded_shapes(path, shapes)
-    with store.writing("model.h5", key) as path:
-        write_model(path, stored)
-    _copied(store, "correspondence.h5", key)
-    _copied(store, "model.h5", key)
-    with store.writing("scores.csv", key) as path:
-        write_scores_csv(path, stored)
+    files: dict[str, Writer] = {
+        "correspondence.h5": partial(write_corresponded_shapes, shapes=shapes),
+        **result_files(stored, shapes),
+    }
+    for name, write in files.items():
+        try:
+            write_all(store, key, {name: write})
+        except (InputError, TopologyError) as error:  # a part that cannot be closed
+            notes.append(f"{name}: not measured, {error}")
+    for name in ("correspondence.h5", "model.h5"):
+        copy_artifact(store, name, f"optimal/{name}", key)
     write_covariates(store, found.ids, found.covariates)
     if len(shapes.mesh.faces):
-        notes += _write_surfaces(store, key, shapes, model, watch)
+        notes += _write_surfaces(store, key, shapes, stored.model, watch)
     else:
         notes.append("evaluation, volumes and meshes: not made, the points have no triangles")
     for note in notes:
@@ -156,7 +156,9 @@ def adopt_shapes(
     }
     store.write_json("failed.json", key, [])
     store.write_json("adopted.json", key, facts)
-    return Adopted(output, len(shapes.ids), shapes.points.shape[1], len(model.modes), tuple(notes))
+    return Adopted(
+        output, len(shapes.ids), shapes.points.shape[1], len(stored.model.modes), tuple(notes)
+    )
 
 
 def _refuse_mirrored(found: OrderedShapes) -> None:
@@ -230,11 +232,6 @@ def _groups(ids: Sequence[ShapeId], per: Literal["subject", "shape"] | None) -> 
     return np.array([order.index(name) for name in names], dtype=np.int64)
 
 
-def _copied(store: Store, name: str, key: str) -> None:
-    with store.writing(f"optimal/{name}", key) as path:
-        shutil.copyfile(store.path(name), path)
-
-
 def _write_surfaces(
     store: Store, key: str, shapes: CorrespondedShapes, model: ShapeModel, on_event: OnEvent
 ) -> list[str]:
@@ -242,17 +239,12 @@ def _write_surfaces(
     notes = []
     with store.writing("meshes/mean.vtp", key) as path:
         write_mean(path, model)
-    try:
-        with store.writing("volumes.csv", key) as path:
-            write_volumes_csv(path, shapes.ids, part_volumes(shapes.points, shapes.mesh))
-    except (InputError, TopologyError) as error:
-        notes.append(f"volumes: not measured, {error}")
     evaluation = _evaluation(shapes, model)
     if evaluation.generalisation is None:
         notes.append(f"generalisation: not measured, {len(shapes.ids)} shapes are too few")
     with store.writing("evaluation.json", key) as path:
         write_evaluation(path, evaluation)
-    _copied(store, "evaluation.json", key)
+    copy_artifact(store, "evaluation.json", "optimal/evaluation.json", key)
     worst = min(item.smallest_share for item in evaluation.coverage)
     if worst <= 0.0:
         on_event(Warn("some vertices have no area on some shapes"))

@@ -12,10 +12,11 @@ from ostiform.execution import ClusterWorkers, Workers
 from ostiform.pipeline.correspond import Corresponded, correspond_shapes
 from ostiform.pipeline.embed import Embedded, embed_shapes
 from ostiform.pipeline.evaluate import evaluate_models
-from ostiform.pipeline.events import Event, Note, OnEvent, Warn
+from ostiform.pipeline.events import Event, OnEvent, Warn
 from ostiform.pipeline.folder import locked
 from ostiform.pipeline.model import model_shapes
 from ostiform.pipeline.prepare import Prepared, prepare_shapes
+from ostiform.pipeline.record import record_run
 from ostiform.pipeline.run import Failure, Run
 from ostiform.pipeline.store import Store, key_of
 from ostiform.pipeline.stored_shapes import remove_samplers
@@ -148,21 +149,16 @@ def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
             "correspond", lambda: correspond_shapes(run, prepared, embedded)
         )
     if until >= Stage.MODEL:
-        clock.timed("model", lambda: model_shapes(run, corresponded))
+        clock.timed("model", lambda: model_shapes(run, prepared, embedded, corresponded))
     if until >= Stage.EVALUATE:
         collapsed = clock.timed(
             "evaluate", lambda: evaluate_models(run, prepared, embedded, corresponded)
         )
+        record_run(run, prepared, embedded, corresponded, failures, clock.seconds, heard)
     if until >= Stage.REPORT:
-        from ostiform.pipeline.report import report_run  # slow to import, and needed here only
+        from ostiform.pipeline.report import write_report  # slow to import, and needed here only
 
-        clock.timed(
-            "report",
-            lambda: report_run(
-                run, prepared, embedded, corresponded, failures, clock.seconds, heard
-            ),
-        )
-        run.on_event(Note(f"report: {run.store.path('report.html')}"))
+        clock.timed("report", lambda: write_report(run.store, run.workers, run.on_event))
     remove_samplers(run.store)
     if collapsed and run.study.settings.evaluation.collapse == "stop":
         raise CollapseError(

@@ -5,7 +5,6 @@ Artifacts: ``KIND/correspondence.h5`` for the conformal, minimum-Euclidean and o
 went). While the sweeps go on, where they stand is kept in ``unfinished/``.
 """
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -28,8 +27,9 @@ from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.events import Note, Progress, Warn
 from ostiform.pipeline.landmarks import landmark_inputs, stated_marks
 from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.results import copy_artifact
 from ostiform.pipeline.run import Run
-from ostiform.pipeline.store import Store, key_of
+from ostiform.pipeline.store import key_of
 from ostiform.pipeline.stored_shapes import stored_shapes
 from ostiform.pipeline.unfinished import Unfinished
 from ostiform.study import Study
@@ -109,7 +109,8 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
     facts = run.store.read_json(FACTS)
     if facts["warning"]:
         run.on_event(Warn(facts["warning"]))
-    copy_artifact(run.store, "optimal/correspondence.h5", "correspondence.h5", key)
+    if not run.store.is_current("correspondence.h5", key):
+        copy_artifact(run.store, "optimal/correspondence.h5", "correspondence.h5", key)
     return Corresponded(key, facts["l_cut_mm2"], facts["noise_mm"])
 
 
@@ -127,13 +128,6 @@ def correspondence_settings(study: Study) -> CorrespondenceSettings:
         per=study.alignment_per,
         seed=stated.seed,
     )
-
-
-def copy_artifact(store: Store, source: str, target: str, key: str) -> None:
-    """Copy an artifact within the output folder, if the copy is not current."""
-    if not store.is_current(target, key):
-        with store.writing(target, key) as path:
-            shutil.copyfile(store.path(source), path)
 
 
 def convergence_warning(statuses: Sequence[LevelStatus]) -> str:

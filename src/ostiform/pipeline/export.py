@@ -8,17 +8,14 @@ from typing import Literal, get_args
 import numpy as np
 
 from ostiform.errors import InputError
-from ostiform.evaluation import part_volumes
 from ostiform.exchange import (
     ProjectRow,
     mean_cycle_frames,
     write_cycle_glb,
     write_modes_glb,
     write_particles,
-    write_scores_csv,
     write_shape_vtp,
     write_swproj,
-    write_volumes_csv,
     write_xlsx_project,
 )
 from ostiform.model import (
@@ -30,6 +27,7 @@ from ostiform.model import (
     write_mode,
     write_model,
 )
+from ostiform.pipeline.results import result_files
 from ostiform.pipeline.store import slug
 
 ExportFormat = Literal["statismo", "vtp", "gltf", "csv", "particles"]
@@ -64,8 +62,9 @@ def export_results(
 
     ``statismo``: ``model.h5``, for statismo and scalismo. ``vtp``: the mean, the modes and every
     shape in correspondence with its scores. ``gltf``: ``modes.glb``, and ``cycle.glb`` where
-    subjects have phases. ``csv``: ``scores.csv``, ``volumes.csv``. ``particles``: local and world
-    particles, the meshes, and ``project.swproj`` and ``project.xlsx`` for ShapeWorks.
+    subjects have phases. ``csv``: ``scores.csv``, ``volumes.csv``, ``clinical.csv``.
+    ``particles``: local and world particles, the meshes, and ``project.swproj`` and
+    ``project.xlsx`` for ShapeWorks.
 
     Parameters
     ----------
@@ -155,13 +154,14 @@ def _gltf(export: _Export) -> list[Path]:
 
 
 def _csv(export: _Export) -> list[Path]:
-    paths = [export.output / "scores.csv"]
-    write_scores_csv(paths[0], export.stored)
-    if export.shapes is not None and len(export.shapes.mesh.faces):
-        paths.append(export.output / "volumes.csv")
-        volumes = part_volumes(export.shapes.points, export.shapes.mesh)
-        write_volumes_csv(paths[-1], export.shapes.ids, volumes)
-    return paths
+    files = {
+        name: write
+        for name, write in result_files(export.stored, export.shapes).items()
+        if name.endswith(".csv")
+    }
+    for name, write in files.items():
+        write(export.output / name)
+    return [export.output / name for name in files]
 
 
 def _particles(export: _Export) -> list[Path]:

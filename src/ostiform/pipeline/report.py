@@ -1,7 +1,7 @@
-"""Stage 6: the report, rendered from artifacts only.
+"""Stage 6: the report, drawn from the results alone.
 
-Artifacts: ``run.json`` (what was run), ``report.html``, the files of its figures in ``figures/``,
-and the numbers behind two of them: ``volumes.csv`` (ml) and ``scores.csv`` (mm).
+Artifacts: ``report.html``, the files of its figures in ``figures/``, and ``animations/``. Nothing
+is fitted or measured here: a folder of results that was copied elsewhere has a report of its own.
 """
 
 import json
@@ -10,54 +10,44 @@ import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ostiform import __version__
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import load
 from ostiform.correspondence import KINDS
 from ostiform.domain import BaseDomain, domain_from_json
+from ostiform.embedding import Embedding
 from ostiform.errors import ArtifactError
 from ostiform.evaluation import (
-    Evaluation,
+    ClinicalTable,
     GainInterval,
+    MapRecords,
+    PointResidues,
     compare,
-    cumulative_variance_error,
-    gain_interval,
-    left_out_point_residues,
-    part_volumes,
     read_evaluation,
 )
-from ostiform.exchange import write_scores_csv, write_volumes_csv
-from ostiform.execution import Executor
-from ostiform.model import (
-    StoredModel,
-    read_correspondence,
-    read_model,
-)
+from ostiform.exchange import read_shape_values_csv
+from ostiform.execution import Executor, Workers
+from ostiform.model import read_correspondence, read_model
 from ostiform.pipeline.animations import write_animations
-from ostiform.pipeline.correspond import Corresponded
-from ostiform.pipeline.covariates import write_covariates
-from ostiform.pipeline.dynamics import write_dynamics
-from ostiform.pipeline.embed import Embedded
-from ostiform.pipeline.events import OnEvent, Progress
-from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.build import Summary, build_study
+from ostiform.pipeline.dynamics import read_dynamics
+from ostiform.pipeline.events import Note, OnEvent, Progress
+from ostiform.pipeline.folder import locked
+from ostiform.pipeline.maps import MAPS, PAPER_CHAIN, chosen_part
+from ostiform.pipeline.model import INTERVALS, LEFT_OUT
 from ostiform.pipeline.prepared import read_shape, shape_artifact
-from ostiform.pipeline.report_maps import map_records, state_view
-from ostiform.pipeline.report_record import (
-    RunRecord,
-    after,
-    read_record,
-    recorded_inputs,
-    write_record,
-)
-from ostiform.pipeline.run import Failure, Ready, Run
+from ostiform.pipeline.record import RECORD, RunRecord, changed_inputs, read_record
 from ostiform.pipeline.store import Store, file_hash, key_of, slug
 from ostiform.report import (
     Drawing,
     FailedShape,
     Page,
     Picture,
+    StateView,
     clinical_section,
     correspondence_section,
     cycles_section,
@@ -71,13 +61,15 @@ from ostiform.report import (
     remove_stale_drawings,
     render_page,
     run_section,
-    sampled_kinks,
     save_drawing,
     scores_section,
     template_section,
     viewer_section,
     volumes_section,
 )
+
+NAMED = 3
+"""Files that are named where several have changed or are gone."""
 
 LIBRARIES = ("numpy", "scipy", "numba", "vtk", "libigl", "h5py", "matplotlib")
 RESULTS = {
@@ -97,112 +89,118 @@ RESULTS = {
 """Files and folders beside the report, and what is in them."""
 
 
-def report_run(
-    run: Run,
-    prepared: Prepared,
-    embedded: Embedded,
-    corresponded: Corresponded,
-    failures: Sequence[Failure],
-    seconds: Mapping[str, float],
-    warnings: Sequence[str] = (),
-) -> None:
-    """Write the report of a run.
+def report_results(
+    source: Path,
+    output: Path | None = None,
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    on_event: OnEvent | None = None,
+) -> Summary:
+    """Write the report of a folder of results.
 
     Parameters
     ----------
-    run : Run
-    prepared, embedded, corresponded : Prepared, Embedded, Corresponded
-        What the stages before have left.
-    failures : sequence of Failure
-    seconds : mapping of str to float
-        Wall time of the stages of this run.
-    warnings : sequence of str
-        What the stages of this run have warned of.
-    """
-    study = run.study
-    left_out = {f"{failure.id} left out: {failure.reason}" for failure in failures}
-    record = RunRecord(
-        version=__version__,
-        title=study.settings.report.title or study.path.resolve().parent.name or "study",
-        study=str(study.path),
-        study_sha256=file_hash(study.path),
-        settings=study.settings.model_dump(mode="json", by_alias=True),
-        entries=len(study.entries),
-        shapes=embedded.ready,
-        failures=tuple(failures),
-        repairs=prepared.repairs,
-        warnings=tuple(text for text in warnings if text not in left_out),
-        seconds=dict(seconds),
-        files=recorded_inputs(run),
-        domain_key=prepared.domain_key,
-        correspondence_key=corresponded.key,
-    )
-    record = after(read_record(run.store), record)
-    write_record(run.store, record)
-    entries = run.study.entries
-    write_covariates(run.store, [e.id for e in entries], [e.covariates for e in entries])
-    _render(run.store, record, run.workers, run.on_event)
-
-
-def report_again(output: Path, workers: Executor, on_event: OnEvent) -> RunRecord:
-    """Write the report of an output folder again, from what lies in it alone.
-
-    Neither the study nor its meshes are needed.
+    source : Path
+        The folder; or the ``study.toml`` of its run, or where that was: what is still there must
+        then be what the run has read, else what has changed is built again first.
+    output : Path, optional
+        The folder, where `source` is a study.
+    workers : int
+        Processes of this machine.
+    scheduler : str, optional
+        As `build_study`, where something is built again.
+    on_event : callable, optional
+        Takes the events of the run.
 
     Raises
     ------
     ArtifactError
-        If the folder holds no finished run, or one of its artifacts is missing or damaged.
+        If a folder alone is given that holds no finished run, or an artifact is missing or
+        damaged.
+    OstiformError
+        As `build_study`, for a study.
     """
-    store = Store(output)
-    record = read_record(store)
-    if record is None:
+    watch: OnEvent = on_event or (lambda _: None)
+    results = source if output is None else output
+    record = read_record(Store(results))
+    if output is None and record is None:
         raise ArtifactError(
-            f"{output}: expected the results of a finished run, found no run.json; run "
+            f"{results}: expected the results of a finished run, found no {RECORD}; run "
             "`ostiform build` with this output folder"
         )
-    _render(store, record, workers, on_event)
+    if output is not None:
+        changed, gone = ([], []) if record is None else changed_inputs(record, source)
+        if changed:
+            watch(Note(f"changed since the last run: {_several(changed)}; building again"))
+        if record is None or changed:
+            return build_study(source, output, workers=workers, scheduler=scheduler, on_event=watch)
+        if gone:
+            watch(Note(f"gone since the last run: {_several(gone)}; the report shows that run"))
+    with locked(results), Workers(workers) as pool:
+        record = write_report(Store(results), pool, watch)
+    return Summary(results, record.entries, record.failures, dict(record.seconds))
+
+
+def _several(paths: list[str]) -> str:
+    more = f" and {len(paths) - NAMED} more" if len(paths) > NAMED else ""
+    return f"{', '.join(paths[:NAMED])}{more}"
+
+
+def write_report(store: Store, workers: Executor, on_event: OnEvent) -> RunRecord:
+    """Draw the report of a finished run, and return what was run.
+
+    Raises
+    ------
+    ArtifactError
+        If an artifact is missing or damaged.
+    """
+    on_event(Progress("report", 0, 1))
+    record = read_record(store)
+    if record is None:
+        raise ArtifactError(f"{store.root}: expected the results of a finished run, found none")
+    page = _page(store, record)
+    drawings = _drawn(page, store, workers, on_event)
+    write_animations(store, record.correspondence_key, workers)
+    with store.writing("report.html", key_of("report", record.correspondence_key)) as path:
+        path.write_text(render_page(page, drawings), encoding="utf-8")
+    on_event(Progress("report", len(drawings) + 1, len(drawings) + 1))
+    on_event(Note(f"report: {store.path('report.html')}"))
     return record
 
 
-def _render(store: Store, record: RunRecord, workers: Executor, on_event: OnEvent) -> None:
-    on_event(Progress("report", 0, 1))
+def _page(store: Store, record: RunRecord) -> Page:
     domain = domain_from_json(store.read_json("domain.json"))
-    evaluations: dict[str, Evaluation] = {
-        kind: read_evaluation(store.path(f"{kind}/evaluation.json")) for kind in KINDS
-    }
-    comparisons = [compare(evaluations["optimal"], evaluations[kind]) for kind in KINDS[:-1]]
-    correspondence = read_correspondence(store.path("optimal/correspondence.h5"))
-    models: dict[str, StoredModel] = {
-        kind: read_model(store.path(f"{kind}/model.h5")) for kind in KINDS
-    }
-    stored = models["optimal"]
-    dynamics = write_dynamics(
-        store, record.correspondence_key, stored, correspondence, record.settings
-    )
-    dynamic = None if dynamics.evaluation is None else dynamics.evaluation.model
-    write_animations(store, record.correspondence_key, stored.model, dynamic)
-    intervals = _gain_intervals(models)
-    volumes = part_volumes(correspondence.points, stored.model.mesh)
-    residues = left_out_point_residues(
-        correspondence.aligned,
-        correspondence.weights,
-        correspondence.ids,
-        _most_modes(evaluations, record),
-    )
     facts = store.read_json("correspondence.json")
-    maps = map_records(store, record.shapes, workers)
-    controls = facts["control_points"]
-    n_boundary = len(controls["boundary"]["directions"])
-    n_interior = len(controls["interior"]["directions"])
-    view = state_view(store, _shown(record), record.settings["report"]["part"], domain, facts)
-    kinks = sampled_kinks(correspondence, domain)
+    evaluations = {str(k): read_evaluation(store.path(f"{k}/evaluation.json")) for k in KINDS}
+    comparisons = [compare(evaluations["optimal"], evaluations[kind]) for kind in KINDS[:-1]]
+    intervals = store.read_json(INTERVALS)
+    gains = {
+        kind: GainInterval(low, high, intervals["subjects"])
+        for kind, (low, high) in intervals["variance_gain"].items()
+    }
+    errors = {
+        kind: np.array(half)
+        for kind, half in intervals["cumulative_variance_half_width_mm2"].items()
+    }
+    correspondence = read_correspondence(store.path("optimal/correspondence.h5"))
+    stored = read_model(store.path("optimal/model.h5"))
+    dynamics = read_dynamics(store)
+    dynamic = None if dynamics is None else dynamics.model
+    clinical = ClinicalTable(*read_shape_values_csv(store.path("clinical.csv")))
+    left_out = store.path(LEFT_OUT)
+    residues = load(left_out, PointResidues) if left_out.is_file() else None
+    maps = load(store.path(MAPS), MapRecords)
+    stated, labels = record.settings["report"], [str(shape.id) for shape in record.shapes]
+    shown = stated["shape"] if stated["shape"] in labels else labels[0]
+    chain = load(store.path(PAPER_CHAIN), tuple[Embedding, ...])
+    view = state_view(shown, chain, stated["part"], domain, facts)
     repairs = {
         str(shape.id): len(record.repairs[shape.name])
         for shape in record.shapes
         if shape.name in record.repairs
     }
-    page = Page(
+    return Page(
         title=record.title,
         subtitle=_subtitle(record),
         facts=headline(
@@ -211,24 +209,22 @@ def _render(store: Store, record: RunRecord, workers: Executor, on_event: OnEven
         sections=(
             viewer_section(stored, dynamic, residues),
             modes_section(stored.model, dynamic),
-            evidence_section(evaluations, comparisons, intervals, _variance_errors(models)),
+            evidence_section(evaluations, comparisons, gains, errors),
             quality_section(
-                stored, evaluations["optimal"], maps, residues, repairs, _failed(store, record)
+                stored,
+                evaluations["optimal"],
+                maps.shapes,
+                residues,
+                repairs,
+                _failed(store, record),
             ),
-            scores_section(stored, dynamic),
-            cycles_section(dynamics.evaluation),
-            volumes_section(correspondence.ids, volumes),
-            clinical_section(dynamics.clinical),
-            maps_section(maps, view, kinks),
+            scores_section(stored, dynamics),
+            cycles_section(dynamics),
+            volumes_section(clinical),
+            clinical_section(clinical),
+            maps_section(maps, view),
             template_section(correspondence, evaluations["optimal"]),
-            correspondence_section(
-                facts["history"],
-                facts["statuses"],
-                n_interior,
-                n_boundary,
-                max(len(facts["statuses"]) - facts["settings"]["levels"], 0),
-                facts["coherence"] < facts["settings"]["coherence"],
-            ),
+            correspondence_section(facts),
             run_section(
                 _run_facts(store, record, domain, facts),
                 record.seconds,
@@ -241,17 +237,8 @@ def _render(store: Store, record: RunRecord, workers: Executor, on_event: OnEven
             *(f"{failure.id} left out: {failure.reason}" for failure in record.failures),
             *record.warnings,
         ),
-        summary=headline_table(evaluations, comparisons, intervals),
+        summary=headline_table(evaluations, comparisons, gains),
     )
-    drawings = _drawn(page, store, workers, on_event)
-    key = key_of("report", record.correspondence_key)
-    with store.writing("volumes.csv", key) as path:
-        write_volumes_csv(path, correspondence.ids, volumes)
-    with store.writing("scores.csv", key) as path:
-        write_scores_csv(path, stored)
-    with store.writing("report.html", key) as path:
-        path.write_text(render_page(page, drawings), encoding="utf-8")
-    on_event(Progress("report", len(drawings) + 1, len(drawings) + 1))
 
 
 def _drawn(page: Page, store: Store, workers: Executor, on_event: OnEvent) -> dict[str, Drawing]:
@@ -268,19 +255,44 @@ def _drawn(page: Page, store: Store, workers: Executor, on_event: OnEvent) -> di
     return drawings
 
 
-def _most_modes(evaluations: Mapping[str, Evaluation], record: RunRecord) -> int:
-    """The largest number of modes that left-out shapes are reconstructed with."""
-    generalisation = evaluations["optimal"].generalisation
-    if generalisation is None:
-        return int(record.settings["evaluation"]["modes"])
-    return max(1, int(generalisation.mode_counts.max()))
+def state_view(
+    label: str,
+    chain: Sequence[Embedding],
+    part: str | None,
+    domain: BaseDomain,
+    facts: Mapping[str, Any],
+) -> StateView:
+    """Return the steps of the map of one part, those of the paper's chain beside them.
 
+    Parameters
+    ----------
+    label : str
+        Of the shape.
+    chain : (Embedding, Embedding)
+        See `shown_map`.
+    part : str or None
+        As there.
+    domain : BaseDomain
+    facts : mapping
+        Of the correspondence; holds the control points.
+    """
+    used, paper = chain
+    index = next(i for i, s in enumerate(domain.spheres) if s.name == used.component.name)
 
-def _shown(record: RunRecord) -> Ready:
-    """The shape whose map is drawn: the one the study names, else the first."""
-    wanted = record.settings["report"]["shape"]
-    named = [shape for shape in record.shapes if str(shape.id) == wanted]
-    return named[0] if named else record.shapes[0]
+    def controls(group: str) -> FloatArray:
+        stored = facts["control_points"][group]
+        pairs = zip(stored["directions"], stored["sphere"], strict=True)
+        return np.array([d for d, sphere in pairs if sphere == index]).reshape(-1, 3)
+
+    return StateView(
+        label,
+        used,
+        domain.spheres[index],
+        chosen_part([used], part)[1],
+        paper.states,
+        controls("interior"),
+        controls("boundary"),
+    )
 
 
 def _failed(store: Store, record: RunRecord) -> list[FailedShape]:
@@ -293,22 +305,6 @@ def _failed(store: Store, record: RunRecord) -> list[FailedShape]:
             parts = {}
         found.append(FailedShape(str(failure.id), failure.stage, parts))
     return found
-
-
-def _gain_intervals(models: Mapping[str, StoredModel]) -> dict[str, GainInterval]:
-    optimal = models["optimal"]
-    subjects = [id.subject for id in optimal.ids]
-    found = {
-        kind: gain_interval(optimal.scores, models[kind].scores, subjects) for kind in KINDS[:-1]
-    }
-    return {kind: interval for kind, interval in found.items() if interval is not None}
-
-
-def _variance_errors(models: Mapping[str, StoredModel]) -> dict[str, FloatArray]:
-    return {
-        kind: cumulative_variance_error(stored.scores, [id.subject for id in stored.ids])
-        for kind, stored in models.items()
-    }
 
 
 def _subtitle(record: RunRecord) -> str:

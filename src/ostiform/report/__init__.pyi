@@ -24,10 +24,6 @@ from .html import draw_picture as draw_picture
 from .html import remove_stale_drawings as remove_stale_drawings
 from .html import render_page as render_page
 from .html import save_drawing as save_drawing
-from .map_records import MapRecord as MapRecord
-from .map_records import SeamKink as SeamKink
-from .map_records import map_record as map_record
-from .map_records import sampled_kinks as sampled_kinks
 from .mapping import StateView as StateView
 from .mapping import maps_section as maps_section
 from .modes import modes_figure as modes_figure

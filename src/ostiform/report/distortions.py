@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ostiform.arrays import FloatArray
-from ostiform.report.map_records import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
+from ostiform.evaluation import ANGLE_EDGES, AREA_EDGES, JUMP_EDGES
 from ostiform.report.style import PART_COLOURS, figure, styled
 
 OUTER = (0.05, 0.95)

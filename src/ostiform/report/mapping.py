@@ -8,9 +8,9 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.domain import Sphere, stereographic_view
 from ostiform.embedding import Embedding, EmbeddingState
+from ostiform.evaluation import MapRecord, MapRecords, SeamKink
 from ostiform.report.distortions import distortion_figure, seam_figure
 from ostiform.report.html import Picture, Section, Table
-from ostiform.report.map_records import MapRecord, SeamKink
 from ostiform.report.maps import MapPanel, map_figure
 from ostiform.surface import Seam, exact_orientations
 
@@ -64,19 +64,16 @@ class StateView:
     boundary: FloatArray
 
 
-def maps_section(
-    shapes: Sequence[MapRecord], view: StateView, kinks: Mapping[Seam, SeamKink]
-) -> Section:
+def maps_section(maps: MapRecords, view: StateView) -> Section:
     """Return the maps of one part step by step, and the quality of all maps.
 
     Parameters
     ----------
-    shapes : sequence of MapRecord
+    maps : MapRecords
     view : StateView
         What is drawn.
-    kinks : mapping of Seam to SeamKink
-        Across the seams, after the warps.
     """
+    shapes, kinks = maps.shapes, maps.kinks
     steps = _panels(view, view.embedding.states, STATE_NAMES)
     used = _panels(view, view.embedding.states[-1:], {}, "conformal, as used")
     paper = [*_panels(view, view.paper, PAPER_NAMES), *used, _control_panel(view, used[0])]

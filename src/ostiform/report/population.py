@@ -1,18 +1,17 @@
 """What a report says about the shapes: modes, scores, template, correspondence (HY Fig. 3)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from ostiform.correspondence import Correspondence
 from ostiform.domain import triangle_quality
-from ostiform.evaluation import Evaluation
+from ostiform.evaluation import DynamicEvaluation, Evaluation
 from ostiform.model import (
     DynamicModel,
     ShapeModel,
     StoredModel,
-    between_share,
-    phase_prediction,
 )
 from ostiform.report.curves import convergence_figure, scores_figure
 from ostiform.report.html import Picture, Section, Table
@@ -71,13 +70,13 @@ def _mode_picture(model: ShapeModel, mode: int, name: str, title: str, whole: st
     )
 
 
-def scores_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section:
+def scores_section(stored: StoredModel, dynamic: DynamicEvaluation | None) -> Section:
     """Return where the shapes lie in the space of the first modes, and who varies how much.
 
     Parameters
     ----------
     stored : StoredModel
-    dynamic : DynamicModel or None
+    dynamic : DynamicEvaluation or None
         Of the same shapes; None where no subject has several phases.
     """
     model = stored.model
@@ -106,20 +105,24 @@ def scores_section(stored: StoredModel, dynamic: DynamicModel | None) -> Section
     )
 
 
-def _sources(dynamic: DynamicModel) -> tuple[str, ...]:
-    between = between_share(dynamic)
+def _sources(dynamic: DynamicEvaluation) -> tuple[str, ...]:
+    between, phases = dynamic.shares["between"], dynamic.phases
     interval = (
         ""
         if between.low is None or between.high is None
         else f" (95 % interval {percent(between.low)} to {percent(between.high)} %)"
     )
-    prediction = phase_prediction(dynamic)
-    return (
+    text = (
         f"{percent(between.value)} % of the variance lies between subjects{interval}, the rest is "
-        f"motion. A left-out phase is predicted from the subject's other phases to "
-        f"{prediction.trajectory:.2f} mm by the fitted cycle and to {prediction.interpolation:.2f} "
-        f"mm by interpolation ({prediction.phases} phases left out in turn).",
+        "motion."
     )
+    if phases is not None:
+        text += (
+            f" A left-out phase is predicted from the subject's other phases to "
+            f"{phases.trajectory:.2f} mm by the fitted cycle and to {phases.interpolation:.2f} mm "
+            f"by interpolation ({phases.phases} phases left out in turn)."
+        )
+    return (text,)
 
 
 def template_section(correspondence: Correspondence, evaluation: Evaluation) -> Section:
@@ -175,29 +178,20 @@ def _repeated(repeats: int, is_weaker: bool) -> tuple[str, ...]:
     )
 
 
-def correspondence_section(
-    history: Sequence[Mapping[str, float]],
-    statuses: Sequence[str],
-    n_interior: int,
-    n_boundary: int,
-    repeats: int,
-    is_weaker: bool,
-) -> Section:
+def correspondence_section(facts: Mapping[str, Any]) -> Section:
     """Return how the optimisation went.
 
     Parameters
     ----------
-    history : sequence of mapping
-        `SweepRecord` as plain values.
-    statuses : sequence of str
-        How each level ended.
-    n_interior, n_boundary : int
-        Control points of the finest level.
-    repeats : int
-        How often the finest level was done again.
-    is_weaker : bool
-        Whether that was with weaker coherence, not from a poor start.
+    facts : mapping
+        Of the correspondence stage: history (`SweepRecord` as plain values), statuses (how each
+        level ended), control points of the finest level, coherence, settings.
     """
+    history, statuses, settings = facts["history"], facts["statuses"], facts["settings"]
+    n_interior, n_boundary = (
+        len(facts["control_points"][group]["directions"]) for group in ("interior", "boundary")
+    )
+    repeats = max(len(statuses) - settings["levels"], 0)
     seconds = np.cumsum([record["seconds"] for record in history])
     levels = np.array([record["level"] for record in history], dtype=float)
     objective = np.array([record["objective"] for record in history])
@@ -233,7 +227,7 @@ def correspondence_section(
         (
             f"{n_interior} control points in the interior and {n_boundary} on the boundaries "
             "(the paper ends with 10, those on the boundaries not counted).",
-            *_repeated(repeats, is_weaker),
+            *_repeated(repeats, facts["coherence"] < settings["coherence"]),
         ),
         tuple(pictures),
         (Table("How each level ended", ("level", "sweeps", "ended because"), rows, texts=(2,)),),

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray
-from ostiform.evaluation import Evaluation, PointResidues
+from ostiform.evaluation import Evaluation, MapRecord, PointResidues
 from ostiform.model import StoredModel, reconstruct
 from ostiform.report.html import Picture, Section, Table
-from ostiform.report.map_records import MapRecord
 from ostiform.report.point_pictures import shapes_figure, surfaces_figure
 from ostiform.surface import Surface
 

@@ -5,21 +5,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.evaluation import VolumeCurve, volume_curves
+from ostiform.evaluation import ClinicalTable, VolumeCurve, volume_curves
 from ostiform.report.curves import volumes_figure
 from ostiform.report.html import Picture, Section, Table
 from ostiform.report.style import MM3_PER_ML
 from ostiform.study import ShapeId
 
 
-def volumes_section(ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]) -> Section:
-    """Return the volumes over the cycle with ejection fractions, or a table without phases.
-
-    Parameters
-    ----------
-    ids : (N,) sequence of ShapeId
-    volumes : mapping of part to (N,) float64, mm^3
-    """
+def volumes_section(table: ClinicalTable) -> Section:
+    """Return the volumes over the cycle with ejection fractions, or a table without phases."""
+    ids, volumes = table.ids, table.volumes
     curves = volume_curves(ids, volumes)
     text = (
         "Volumes of the shapes as sampled by the model, every opening capped flat; computed with "

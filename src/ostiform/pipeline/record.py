@@ -1,18 +1,21 @@
-"""What a report says about a run beyond its other artifacts: ``run.json``.
+"""What is said about a run beyond its other artifacts: ``run.json``.
 
-With it the report can be made again when the study and its meshes are elsewhere.
+With it the report can be made when the study and its meshes are elsewhere.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ostiform import __version__
 from ostiform.errors import ArtifactError
+from ostiform.pipeline.correspond import Corresponded
+from ostiform.pipeline.embed import Embedded
+from ostiform.pipeline.prepare import Prepared
 from ostiform.pipeline.run import Failure, Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
-from ostiform.study import ShapeId
+from ostiform.study import ShapeId, Study
 
 RECORD = "run.json"
 SCHEMA = 1
@@ -90,14 +93,57 @@ class RunRecord:
         return tuple(self.settings["parts"])
 
 
-def recorded_inputs(run: Run) -> tuple[InputFile, ...]:
+def record_run(
+    run: Run,
+    prepared: Prepared,
+    embedded: Embedded,
+    corresponded: Corresponded,
+    failures: Sequence[Failure],
+    seconds: Mapping[str, float],
+    warnings: Sequence[str],
+) -> None:
+    """Write what was run, with what an earlier run did of it and said.
+
+    Parameters
+    ----------
+    run : Run
+    prepared, embedded, corresponded : Prepared, Embedded, Corresponded
+        What the stages have left.
+    failures : sequence of Failure
+    seconds : mapping of str to float
+        Wall time of the stages of this run.
+    warnings : sequence of str
+        What the stages of this run have warned of.
+    """
+    study = run.study
+    left_out = {f"{failure.id} left out: {failure.reason}" for failure in failures}
+    record = RunRecord(
+        version=__version__,
+        title=study.settings.report.title or study.path.resolve().parent.name or "study",
+        study=str(study.path),
+        study_sha256=file_hash(study.path),
+        settings=study.settings.model_dump(mode="json", by_alias=True),
+        entries=len(study.entries),
+        shapes=embedded.ready,
+        failures=tuple(failures),
+        repairs=prepared.repairs,
+        warnings=tuple(text for text in warnings if text not in left_out),
+        seconds=dict(seconds),
+        files=_inputs(study),
+        domain_key=prepared.domain_key,
+        correspondence_key=corresponded.key,
+    )
+    write_record(run.store, after(read_record(run.store), record))
+
+
+def _inputs(study: Study) -> tuple[InputFile, ...]:
     """Return the files that the shapes of a study are read from, with their hashes.
 
     Files that are missing are left out: the reason is among the failures of the run.
     """
-    folder = run.study.path.parent
+    folder = study.path.parent
     found = []
-    for entry in run.study.entries:
+    for entry in study.entries:
         paths = dict(entry.files) | {f"cuts {k}": cut for k, cut in enumerate(entry.cuts)}
         found += [
             InputFile(str(entry.id), role, _below(path, folder), file_hash(path))

@@ -1,4 +1,4 @@
-"""What the report keeps of the maps of one shape: numbers and histograms, not meshes."""
+"""What is kept of the maps of all shapes: numbers and histograms, not meshes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,6 +75,21 @@ class SeamKink:
 
     kink: FloatArray
     shear: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapRecords:
+    """The maps of all shapes of a model, and the kinks that are left across the seams.
+
+    Attributes
+    ----------
+    shapes : tuple of MapRecord
+    kinks : mapping of Seam to SeamKink
+        Across the seams, after the warps.
+    """
+
+    shapes: tuple[MapRecord, ...]
+    kinks: Mapping[Seam, SeamKink]
 
 
 def map_record(label: str, embeddings: Sequence[Embedding]) -> MapRecord:
