@@ -222,6 +222,15 @@ def test_many_subjects_get_no_legend():
     assert drawing.legends == []
 
 
-def test_convergence_has_a_line_per_level():
-    drawing = convergence_figure(np.arange(4.0), -np.arange(4.0), np.array([2.0, 2, 3, 3]), "bits")
-    assert [line.get_label() for line in drawing.axes[0].lines] == ["level 2", "level 3"]
+def test_convergence_has_a_line_per_level_and_the_terms_add_up():
+    terms = [{"length": 9.0, "metric": 0.0}, {"length": 6.0, "metric": 1.0}] * 2
+    history = [
+        {"level": 2 + n // 2, "seconds": 1.0, "objective": sum(own.values()), "terms": own}
+        for n, own in enumerate(terms)
+    ]
+    left, right = convergence_figure(history).axes
+    assert [line.get_label() for line in left.lines] == ["level 2", "level 3"]
+    curves = [line for line in right.lines if len(line.get_xdata()) == 2][:4]
+    assert [line.get_label() for line in curves[::2]] == ["description length", "metric"]
+    total = curves[0].get_ydata() + curves[2].get_ydata()
+    np.testing.assert_allclose(total, [0.0, -2.0])

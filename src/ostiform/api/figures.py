@@ -135,25 +135,20 @@ def volumes(results: Results) -> Figure:
 
 
 def convergence(results: Results) -> Figure:
-    """Draw the objective of the correspondence against time, one colour per level.
+    """Draw the objective of the correspondence against time by level, and its terms apart.
 
     Raises
     ------
     InputError
         If the correspondence was made with level 1 alone.
     """
-    history = _facts(results)["history"]
-    levels = np.array([record["level"] for record in history], dtype=np.float64)
-    finer = levels > 1
-    if not finer.any():
+    finer = [record for record in _facts(results)["history"] if record["level"] > 1]
+    if not finer:
         raise InputError(
             f"{results.folder}: expected levels finer than the first, found level 1 only; "
             "set correspondence.levels to 2 or more"
         )
-    seconds = np.cumsum([record["seconds"] for record in history])
-    objective = np.array([record["objective"] for record in history])
-    label = "objective"
-    return convergence_figure(seconds[finer], objective[finer], levels[finer], label)
+    return convergence_figure(finer)
 
 
 def maps(results: Results, shape: str | None = None, part: str | None = None) -> Figure:

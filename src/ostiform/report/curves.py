@@ -26,6 +26,7 @@ from ostiform.report.style import (
 
 MODES_DRAWN = 15
 KIND_MARKERS = {"conformal": "o", "euclidean": "s", "optimal": "^"}
+TERM_NAMES = {"length": "description length", "distance": "squared distance"}
 LABELLED_SUBJECTS = 8
 """More names than this do not fit into a legend."""
 
@@ -150,28 +151,41 @@ def _short(name: str) -> str:
     return name.replace(" ", "\n")
 
 
-def convergence_figure(
-    seconds: FloatArray, objective: FloatArray, levels: FloatArray, unit: str
-) -> Figure:
-    """Draw the objective against time, one colour and marker per level.
+def convergence_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the objective against time, a line per level, and its terms, a line for each.
+
+    The terms are drawn as what each has changed by since its level began, so that large ones do
+    not hide small ones; the lines add up to the change of the objective.
 
     Parameters
     ----------
-    seconds, objective, levels : (n,) float64
-        One entry per accepted sweep.
-    unit : str
-        What the objective is, for the axis.
+    history : sequence of mapping
+        `SweepRecord` as plain values, of the levels to be drawn.
     """
+    seconds = np.cumsum([record["seconds"] for record in history])
+    objective = np.array([record["objective"] for record in history])
+    levels = np.array([record["level"] for record in history])
+    runs = np.split(np.arange(len(levels)), np.flatnonzero(np.diff(levels)) + 1)
+    names = list(dict.fromkeys(name for record in history for name in record["terms"]))
     with styled():
-        drawing = figure(120.0, 60.0)
-        axes = drawing.subplots()
-        for index, level in enumerate(np.unique(levels)):
-            chosen = levels == level
+        drawing = figure(170.0, 66.0)
+        left, right = drawing.subplots(1, 2)
+        for index, run in enumerate(runs):
             look = _marked_line(index)
-            axes.plot(seconds[chosen], objective[chosen], label=f"level {int(level)}", **look)
-        axes.set_xlabel("time (s)")
-        axes.set_ylabel(unit)
-        drawing.legend(loc="outside right upper")
+            left.plot(seconds[run], objective[run], label=f"level {levels[run[0]]}", **look)
+        for index, name in enumerate(names):
+            values = np.array([record["terms"].get(name, 0.0) for record in history])
+            for number, run in enumerate(runs):
+                label = TERM_NAMES.get(name, name) if number == 0 else None
+                look = _marked_line(index)
+                right.plot(seconds[run], values[run] - values[run[0]], label=label, **look)
+        right.axhline(0.0, color="#1b2733", linewidth=0.6)
+        left.set_ylabel("objective")
+        right.set_ylabel("change of a term since its level began")
+        for axes, title in ((left, "Objective"), (right, "Its terms")):
+            axes.set_title(title)
+            axes.set_xlabel("time (s)")
+            axes.legend(fontsize=7)
     return drawing
 
 

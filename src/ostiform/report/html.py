@@ -180,12 +180,14 @@ def draw_picture(picture: Picture) -> Drawing:
     with styled(), warnings.catch_warnings():
         # A name in a script that the font lacks shows as boxes here and in full in the tables.
         warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
-        svg = _saved(picture.figure, "svg", {"Date": None})
-        picture.figure.set_layout_engine("none")
+        figure = picture.figure
+        if figure.get_layout_engine() is not None:
+            figure.draw_without_rendering()
+            figure.set_layout_engine(None)  # with an engine, every format would be drawn twice
         return Drawing(
-            svg=svg,
-            pdf=_saved(picture.figure, "pdf", {"CreationDate": None}),
-            png=_saved(picture.figure, "png", {}),
+            svg=_saved(figure, "svg", {"Date": None}),
+            pdf=_saved(figure, "pdf", {"CreationDate": None}),
+            png=_saved(figure, "png", {}),
         )
 
 

@@ -192,25 +192,18 @@ def correspondence_section(facts: Mapping[str, Any]) -> Section:
         len(facts["control_points"][group]["directions"]) for group in ("interior", "boundary")
     )
     repeats = max(len(statuses) - settings["levels"], 0)
-    seconds = np.cumsum([record["seconds"] for record in history])
-    levels = np.array([record["level"] for record in history], dtype=float)
-    objective = np.array([record["objective"] for record in history])
-    finer = levels > 1
+    finer = [record for record in history if record["level"] > 1]
     pictures = []
-    if finer.any():
+    if finer:
         pictures.append(
             Picture(
                 "convergence",
-                convergence_figure(
-                    seconds[finer],
-                    objective[finer],
-                    levels[finer],
-                    "objective",
-                ),
-                "Objective (description length, coherence and penalty) after every sweep over all "
-                "shapes, against time. Compare it within a level only: each level has "
-                "its own points. Level 1 minimises another objective and is not drawn.",
-                "Falling curves, one per level.",
+                convergence_figure(finer),
+                "Left: the objective after every sweep over all shapes, against time. Compare it "
+                "within a level only: each level has its own points. Right: what every term of "
+                "it has changed by since its level began; the lines add up to the change of the "
+                "objective. Level 1 minimises another objective and is not drawn.",
+                "Falling curves, one per level; beside them one line per term of the objective.",
             )
         )
     rows = tuple(

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.report.raster import Raster, rasterised
 
 AMBIENT = 0.42
@@ -165,5 +165,13 @@ def draw_visible_curves(
         seen = view.seen(np.vstack([curve, curve[:1]]))  # (n + 1, 3)
         middle = 0.5 * (seen[1:] + seen[:-1])
         shown = picture.sees(middle, tolerance)
-        pieces += list(np.stack([seen[:-1, :2], seen[1:, :2]], axis=1)[shown])
-    axes.add_collection(LineCollection(pieces, colors=colour, linewidths=width, capstyle="round"))
+        pieces += _runs(seen[:, :2], shown)
+    axes.add_collection(
+        LineCollection(pieces, colors=colour, linewidths=width, capstyle="round", joinstyle="round")
+    )
+
+
+def _runs(points: FloatArray, shown: BoolArray) -> list[FloatArray]:
+    """Return the polylines (n, 2) of the edges shown (E,) of a curve through points (E + 1, 2)."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], shown, [False]])))
+    return [points[start : end + 1] for start, end in changes.reshape(-1, 2)]
