@@ -181,7 +181,7 @@ def convergence_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
                 right.plot(seconds[run], values[run] - values[run[0]], label=label, **look)
         right.axhline(0.0, color="#1b2733", linewidth=0.6)
         left.set_ylabel("objective")
-        right.set_ylabel("change of a term since its level began")
+        right.set_ylabel("change since the level began")
         for axes, title in ((left, "Objective"), (right, "Its terms")):
             axes.set_title(title)
             axes.set_xlabel("time (s)")
