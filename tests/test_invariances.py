@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence import align, cut_off_eigenvalue, description_length
 from ostiform.domain import spherical_delaunay
-from ostiform.evaluation import divided_variance
+from ostiform.evaluation import divided_variance, surface_distances
 from ostiform.model import ModelMesh, ShapeModel, fit_model
 from ostiform.surface import (
     closest_points,
@@ -26,12 +26,11 @@ from ostiform.surface import (
     face_areas,
     face_normals,
     locate,
-    mean_edge_length,
+    median_edge_length,
     normalised,
     sphere_locator,
     spherical_areas,
     spherical_fibonacci,
-    surface_distance,
     surface_tree,
     uniform_laplacian,
     vertex_areas,
@@ -129,7 +128,7 @@ def test_lengths_areas_and_volume_grow_with_the_first_second_and_third_power_of_
     body = body_from(rng)
     scaled = factor * body.vertices
     for measure, power in (
-        (mean_edge_length, 1),
+        (median_edge_length, 1),
         (face_areas, 2),
         (vertex_areas, 2),
         (enclosed_volume, 3),
@@ -256,9 +255,9 @@ def test_a_direction_is_located_alike_whatever_the_rotation_and_the_numbering(rn
 @given(generators, factors)
 def test_distances_do_not_change_in_a_common_motion_and_grow_with_scale(rng, factor):
     one, two, motion = body_from(rng), body_from(rng), motion_from(rng)
-    before = surface_distance(one.vertices, one.faces, surface_tree(two.vertices, two.faces))
+    before = surface_distances(one.vertices[None], one.faces, two.vertices, two.faces)[0]
     moved = [motion(factor * body.vertices) for body in (one, two)]
-    after = surface_distance(moved[0], one.faces, surface_tree(moved[1], two.faces))
+    after = surface_distances(moved[0][None], one.faces, moved[1], two.faces)[0]
     assert_allclose(after.mean, factor * before.mean, rtol=1e-6)
     assert_allclose(after.p95, factor * before.p95, rtol=1e-6)
     assert_allclose(after.maximum, factor * before.maximum, rtol=1e-6)

@@ -230,7 +230,7 @@ def test_convergence_has_a_line_per_level_and_the_terms_add_up():
     ]
     left, right = convergence_figure(history).axes
     assert [line.get_label() for line in left.lines] == ["level 2", "level 3"]
-    curves = [line for line in right.lines if len(line.get_xdata()) == 2][:4]
+    curves = [line for line in right.lines if len(np.asarray(line.get_xdata())) == 2][:4]
     assert [line.get_label() for line in curves[::2]] == ["description length", "metric"]
-    total = curves[0].get_ydata() + curves[2].get_ydata()
+    total = np.asarray(curves[0].get_ydata()) + np.asarray(curves[2].get_ydata())
     np.testing.assert_allclose(total, [0.0, -2.0])

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ostiform.domain import Circle, circle_to_part_sphere
-from ostiform.pipeline.naming import layout_circles
+from ostiform.pipeline.ingest import layout_circles
 from ostiform.study import named_population, parsed_settings
 from ostiform.study.layout_names import LayoutCircle, names_by_layout
 from ostiform.study.shape import ShapeId
