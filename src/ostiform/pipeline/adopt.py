@@ -29,6 +29,7 @@ from ostiform.evaluation import (
     fold_residues,
     model_compactness,
     model_specificity,
+    part_volumes,
     shape_coverage,
     write_evaluation,
 )
