@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from oracles.holed_spheres import holed_sphere
 
 from ostiform.errors import InputError
 from ostiform.pipeline.adopt import adopt_shapes
 from ostiform.pipeline.adopt_sources import SourceSettings, read_source
 from ostiform.surface import write_surface
+from tests.oracles.holed_spheres import holed_sphere
 
 
 def write_shapes(folder, directions, faces, turned, change):

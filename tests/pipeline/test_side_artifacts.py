@@ -1,7 +1,6 @@
 """Artifacts beside the report: animations of the model, and the further columns of the sheet."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +17,8 @@ from ostiform.model import (
 )
 from ostiform.pipeline.animations import mean_cycle_animation, write_animations
 from ostiform.pipeline.covariates import COVARIATES, read_covariates, write_covariates
-from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store
-from ostiform.study import ShapeEntry, ShapeId, Study, StudySettings
+from ostiform.study import ShapeId
 from tests.populations import population
 
 
@@ -29,22 +27,6 @@ def stored():
     shapes = population(3, 3, np.random.default_rng(3))
     model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
     return StoredModel(model, project(model, shapes.aligned), shapes.ids, shapes.template)
-
-
-def run_of(folder: Path, entries: dict[ShapeId, dict[str, str]]) -> Run:
-    settings = StudySettings.model_validate(
-        {
-            "schema": 1,
-            "units": "mm",
-            "frame": "LPS",
-            "parts": {"LV": {"ostia": ["mitral"]}},
-            "shapes": {"sheet": "shapes.csv"},
-        }
-    )
-    listed = tuple(ShapeEntry(id, {}, cells) for id, cells in entries.items())
-    study = Study(folder / "study.toml", folder, settings, listed)
-    with Workers(1) as workers:
-        return Run(study, Store(folder), workers, lambda event: None)
 
 
 def test_animations_are_written_once_and_again_when_the_model_changes(stored, tmp_path):
@@ -73,8 +55,8 @@ def test_the_mean_cycle_is_animated(stored):
 def test_further_columns_are_kept_and_read_back(stored, tmp_path):
     entries = {id: {"age": f"{40 + index}"} for index, id in enumerate(stored.ids)}
     entries[ShapeId("left out", "0", 0.0)] = {"age": "99", "note": "not, in the model"}
-    run = run_of(tmp_path, entries)
-    write_covariates(run)
+    store = Store(tmp_path)
+    write_covariates(store, list(entries), list(entries.values()))
     kept = tmp_path / COVARIATES
     assert kept.read_text("utf-8").splitlines()[0] == "subject,phase,age,note"
     rows = read_covariates(tmp_path, None, stored, None)
@@ -83,13 +65,14 @@ def test_further_columns_are_kept_and_read_back(stored, tmp_path):
     one = read_covariates(tmp_path, None, stored, "ph01")
     assert [row[1]["age"] for row in one] == ["41", "44", "47"]
     first = kept.stat().st_mtime_ns
-    write_covariates(run)
+    write_covariates(store, list(entries), list(entries.values()))
     assert kept.stat().st_mtime_ns == first
 
 
 def test_a_sheet_without_further_columns_leaves_no_file(stored, tmp_path):
-    write_covariates(run_of(tmp_path, {id: {"age": "40"} for id in stored.ids}))
-    write_covariates(run_of(tmp_path, {id: {} for id in stored.ids}))
+    store = Store(tmp_path)
+    write_covariates(store, stored.ids, [{"age": "40"} for _ in stored.ids])
+    write_covariates(store, stored.ids, [{} for _ in stored.ids])
     assert not (tmp_path / COVARIATES).exists()
     with pytest.raises(ArtifactError, match="--sheet"):
         read_covariates(tmp_path, None, stored, None)

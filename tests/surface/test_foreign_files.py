@@ -8,12 +8,12 @@ import pytest
 import pyvista as pv
 from nibabel.gifti.gifti import GiftiDataArray, GiftiImage
 from nibabel.loadsave import save
-from oracles.holed_spheres import holed_sphere
 from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from ostiform.errors import InputError
 from ostiform.surface import read_cloud_or_mesh, read_mesh
+from tests.oracles.holed_spheres import holed_sphere
 
 
 @pytest.fixture(scope="module")
