@@ -8,7 +8,7 @@ import pytest
 
 from ostiform.cli.predict import predict
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project, write_model
-from ostiform.surface import write_surface
+from ostiform.surface import read_mesh, write_surface
 from tests.populations import population, two_part_template
 
 
@@ -43,6 +43,16 @@ def test_a_phase_in_correspondence_becomes_a_cycle_with_its_numbers(files, tmp_p
     with (tmp_path / "clinical.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert float(rows[2]["LV_volume_ml"]) < float(rows[0]["LV_volume_ml"])  # systole
+
+
+def test_a_phase_in_correspondence_is_read_in_its_units(files, tmp_path, capsys):
+    phase = read_mesh(files / "unseen.vtp")
+    write_surface(files / "in_cm.vtp", 0.1 * phase.vertices, phase.faces)
+    for name, units in (("unseen", "mm"), ("in_cm", "cm")):
+        file, output = str(files / f"{name}.vtp"), tmp_path / name
+        assert predict(files / "model.h5", file, times="0", output=output, units=units) == 0
+    one, other = (read_mesh(tmp_path / name / "phase_0000.vtp") for name in ("unseen", "in_cm"))
+    np.testing.assert_allclose(other.vertices, one.vertices, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

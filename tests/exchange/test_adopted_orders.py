@@ -8,7 +8,7 @@ import pytest
 from ostiform.errors import InputError
 from ostiform.pipeline.adopt import adopt_shapes
 from ostiform.pipeline.adopt_sources import SourceSettings, read_source
-from ostiform.surface import write_surface
+from ostiform.surface import read_mesh, write_surface
 from tests.oracles.holed_spheres import holed_sphere
 
 
@@ -30,11 +30,32 @@ def test_shapes_whose_order_is_mirrored_are_refused_by_name(tmp_path, holes):
     assert not (tmp_path / "out").exists()
 
 
-def test_shapes_whose_order_is_turned_are_told_by_their_folds(tmp_path):
+def test_much_area_that_is_folded_against_the_mean_is_told_of_its_shape(tmp_path):
     directions, faces = holed_sphere(150, [])
     write_shapes(tmp_path / "good", directions, faces, (), [1, 1, 1])
     good = adopt_shapes(tmp_path / "good", tmp_path / "out", SourceSettings())
     assert not any("folded" in note for note in good.notes)
+    dented = read_mesh(tmp_path / "good" / "p3.vtp").vertices.copy()
+    edge = 0.6 * dented[:, 0].max()
+    dented[:, 0] = np.where(dented[:, 0] > edge, 2.0 * edge - dented[:, 0], dented[:, 0])
+    write_surface(tmp_path / "good" / "p3.vtp", dented, faces)
+    folded = adopt_shapes(tmp_path / "good", tmp_path / "other", SourceSettings())
+    told = [note for note in folded.notes if "folded against the mean" in note]
+    assert len(told) == 1
+    assert told[0].startswith("p3/0: ")
+
+
+def test_the_unit_that_a_format_fixes_is_believed(tmp_path):
+    directions, faces = holed_sphere(150, [])
+    for k in range(4):
+        points = 1000.0 * directions * (20.0 + k)  # micrometres
+        rows = [" ".join(map(repr, row)) for row in points.tolist()]
+        (tmp_path / f"p{k}.pts").write_text("\n".join([str(len(rows)), *rows]) + "\n")
+        elements = [f"Tr {a} {b} {c} 1" for a, b, c in faces.tolist()]
+        (tmp_path / f"p{k}.elem").write_text("\n".join([str(len(faces)), *elements]) + "\n")
+    found = read_source(tmp_path, SourceSettings(pattern="{subject}.elem"))
+    radii = np.linalg.norm(found.points, axis=2)
+    np.testing.assert_allclose(radii, np.repeat([[20.0], [21.0], [22.0], [23.0]], 150, axis=1))
 
 
 def test_excluded_subjects_stay_out_and_groups_become_covariates(tmp_path, rng):

@@ -21,7 +21,7 @@ from ostiform.exchange.landmarks import read_landmarks
 from ostiform.exchange.particles import read_particles
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId, natural_key
-from ostiform.surface import RawMesh, boundary_loops, oriented_outward, read_mesh
+from ostiform.surface import RawMesh, boundary_loops, oriented_outward, placed_vertices, read_mesh
 from ostiform.values import Axes, value
 
 DEFAULT_PART = "surface"
@@ -110,16 +110,19 @@ def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple
 
 
 def read_ordered_meshes(
-    files: Sequence[SourceFile], factors: FloatArray, parts: Sequence[str] = (DEFAULT_PART,)
+    files: Sequence[SourceFile],
+    units: str,
+    frame: str,
+    parts: Sequence[str] = (DEFAULT_PART,),
 ) -> OrderedShapes:
     """Read meshes that share vertices and triangles.
 
     Parameters
     ----------
     files : sequence of SourceFile
-    factors : (3,) float64
-        By which coordinates are multiplied to be millimetres in LPS; a file that states another
-        frame itself (3D Slicer's ``SPACE``) is believed.
+    units : {"mm", "cm", "m", "um"}
+    frame : {"LPS", "RAS"}
+        Of files that do not state their own (3D Slicer's ``SPACE``, openCARP's micrometres).
     parts : sequence of str
         One name, or as many as the cell array ``part`` has values (0, 1, ...).
 
@@ -147,7 +150,7 @@ def read_ordered_meshes(
                 f"{file.path}: expected the triangles of {files[0].path.name}, found {found}: "
                 "the meshes do not share their vertex order"
             )
-    points = np.stack([mesh.vertices * _own_factors(mesh, factors) for mesh in meshes])
+    points = np.stack([placed_vertices(mesh, units, frame) for mesh in meshes])
     faces, notes = _outward(points.mean(axis=0), first.faces)
     face_part = _face_part(files[0].path, first, parts)
     part = np.zeros(points.shape[1], dtype=np.int64)
@@ -171,7 +174,7 @@ def read_particle_shapes(
     domains : mapping of str to sequence of Path
         By the name of the domain (which becomes the part), one file per shape.
     factors : (3,) float64
-        As `read_ordered_meshes`.
+        By which coordinates are multiplied to be millimetres in LPS.
 
     Raises
     ------
@@ -341,14 +344,6 @@ def _face_part(path: Path, mesh: RawMesh, parts: Sequence[str]) -> IntArray:
             f"found {int(found.min())} to {int(found.max())}"
         )
     return found
-
-
-def _own_factors(mesh: RawMesh, factors: FloatArray) -> FloatArray:
-    if mesh.space is None:
-        return factors
-    signs = np.array([1.0, 1.0, 1.0]) if mesh.space == "LPS" else np.array([-1.0, -1.0, 1.0])
-    own: FloatArray = np.abs(factors) * signs
-    return own
 
 
 def _without_triangles(part: IntArray, parts: tuple[str, ...]) -> ModelMesh:

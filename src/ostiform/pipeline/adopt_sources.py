@@ -146,7 +146,7 @@ def _from_folder(folder: Path, settings: SourceSettings) -> OrderedShapes:
         )
     kind = kinds.pop()
     if kind == "meshes":
-        return read_ordered_meshes(files, settings.factors, settings.parts)
+        return read_ordered_meshes(files, settings.units, settings.frame, settings.parts)
     if kind == "landmarks":
         return read_landmark_shapes(files, settings.factors)
     ids = [file.id for file in files]

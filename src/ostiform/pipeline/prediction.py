@@ -41,7 +41,7 @@ from ostiform.model import (
     reconstruct,
 )
 from ostiform.study import ShapeId
-from ostiform.surface import read_mesh, write_surface
+from ostiform.surface import placed_vertices, read_mesh, write_surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +98,7 @@ def predicted_cycle(
     prior: FitPrior | None = None
     phases, sources = [], []
     for shape, time in zip(shapes, given, strict=True):
-        points = _corresponded(shape, stored)
+        points = _corresponded(shape, stored, rules)
         if points is not None:
             nothing = np.zeros((0, *points.shape))
             phases.append(ObservedPhase(float(time), points, nothing))
@@ -164,7 +164,7 @@ def write_prediction(folder: Path, prediction: Prediction) -> dict[str, Any]:
     return facts
 
 
-def _corresponded(shape: str, stored: StoredModel) -> FloatArray | None:
+def _corresponded(shape: str, stored: StoredModel, rules: FileRules) -> FloatArray | None:
     """Return the points (P, 3) of a mesh that is the model's own; None for any other."""
     path = Path(shape)
     if "," in shape or not path.is_file() or path.suffix.lower() not in (".vtp", ".vtk", ".ply"):
@@ -173,5 +173,4 @@ def _corresponded(shape: str, stored: StoredModel) -> FloatArray | None:
     faces = stored.model.mesh.faces
     if mesh.faces.shape != faces.shape or (mesh.faces != faces).any():
         return None
-    points: FloatArray = np.asarray(mesh.vertices, dtype=np.float64)
-    return points
+    return placed_vertices(mesh, rules.units, rules.frame)
