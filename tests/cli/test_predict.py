@@ -48,10 +48,11 @@ def test_a_phase_in_correspondence_becomes_a_cycle_with_its_numbers(files, tmp_p
 def test_a_phase_in_correspondence_is_read_in_its_units(files, tmp_path, capsys):
     phase = read_mesh(files / "unseen.vtp")
     write_surface(files / "in_cm.vtp", 0.1 * phase.vertices, phase.faces)
-    for name, units in (("unseen", "mm"), ("in_cm", "cm")):
-        file, output = str(files / f"{name}.vtp"), tmp_path / name
-        assert predict(files / "model.h5", file, times="0", output=output, units=units) == 0
-    one, other = (read_mesh(tmp_path / name / "phase_0000.vtp") for name in ("unseen", "in_cm"))
+    given = [str(files / f"{name}.vtp") for name in ("unseen", "in_cm")]
+    outputs = [tmp_path / name for name in ("unseen", "in_cm")]
+    assert predict(files / "model.h5", given[0], times="0", output=outputs[0]) == 0
+    assert predict(files / "model.h5", given[1], times="0", output=outputs[1], units="cm") == 0
+    one, other = (read_mesh(output / "phase_0000.vtp") for output in outputs)
     np.testing.assert_allclose(other.vertices, one.vertices, rtol=1e-5)
 
 

@@ -22,7 +22,7 @@ from ostiform.pipeline.run import Failure, Ready
 from ostiform.pipeline.store import Store, file_hash
 from ostiform.report.html import FIGURE_NAMES
 from ostiform.study import ShapeId
-from ostiform.study.settings import parsed_settings
+from ostiform.study.settings_file import parsed_settings
 
 FIRST, SECOND = ShapeId("a</script>", "1", 0.0), ShapeId("ä", "2", 0.5)
 

@@ -139,7 +139,7 @@ def test_a_seam_of_a_part_with_itself_can_be_written():
     [
         (changed("schema = 1", ""), "schema: expected this key, found none"),
         (changed("schema = 1", "schema = 2"), "schema: expected 1, found 2"),
-        (changed("schema = 1", "schema = 1\nunits = 'inch'"), "units: expected 'mm', 'cm' or 'm'"),
+        (changed("schema = 1", "schema = 1\nunits = 'inch'"), "units: expected 'mm', 'cm', 'm' or 'um'"),
         (changed("schema = 1", "schema = 1\ncolour = 3"), "colour: unknown key"),
         (changed("schema = 1", "schema = 1\npole = 'LA.x'"), 'pole: expected "PART.OSTIUM"'),
         (changed("[parts.LA]", '[parts."L.A"]'), r'parts."L.A" \(its name\): expected a name'),
@@ -227,3 +227,10 @@ def test_settings_cannot_be_changed():
 def test_one_fold_is_no_cross_validation():
     with pytest.raises(InputError, match=r"evaluation.folds: expected 0 for none or at least 2"):
         parsed_settings(MINIMAL + "[evaluation]\nfolds = 1\n")
+
+
+def test_a_study_that_begins_with_a_byte_order_mark_is_read(tmp_path):
+    text = '[parts.LV]\nostia = ["mitral"]\n[shapes]\npattern = "{subject}.vtp"\n'
+    path = tmp_path / "study.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + f"schema = 1\n{text}".encode())
+    assert list(read_settings(path).parts) == ["LV"]

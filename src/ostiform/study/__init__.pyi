@@ -16,8 +16,8 @@ from .reading import read_shape as read_shape
 from .reading import survey_shape as survey_shape
 from .settings import CircleSettings as CircleSettings
 from .settings import StudySettings as StudySettings
-from .settings import parsed_settings as parsed_settings
-from .settings import read_settings as read_settings
+from .settings_file import parsed_settings as parsed_settings
+from .settings_file import read_settings as read_settings
 from .shape import Shape as Shape
 from .shape import ShapeId as ShapeId
 from .sheet import read_sheet as read_sheet

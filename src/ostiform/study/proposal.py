@@ -14,7 +14,7 @@ from ostiform.study.labelmaps import LABEL_MAP_ENDINGS, is_label_map, read_label
 from ostiform.study.name_pattern import NamePattern, guessed_pattern
 from ostiform.study.naming import LoopFacts, loop_facts
 from ostiform.study.parts import surface_facts
-from ostiform.study.settings import parsed_settings
+from ostiform.study.settings_file import parsed_settings
 from ostiform.surface import MESH_SUFFIXES, RawMesh, boundary_loops, face_areas, read_mesh
 
 _DEEPEST = 3

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from ostiform.errors import InputError
-from ostiform.study.settings import StudySettings, read_settings
+from ostiform.study.settings import StudySettings
+from ostiform.study.settings_file import read_settings
 from ostiform.study.shape import ShapeId
 from ostiform.study.sheet import read_sheet
 from ostiform.values import value
