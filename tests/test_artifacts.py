@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.artifacts import StoredAs, load, load_mapped, save
+from ostiform.artifacts import load, load_mapped, save
+from ostiform.codecs import StoredAs
 from ostiform.errors import ArtifactError
 from ostiform.values import Axes, value
 

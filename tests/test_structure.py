@@ -15,6 +15,7 @@ ORDER = [
     "kernel_cache",
     "arrays",
     "values",
+    "codecs",
     "artifacts",
     "atomic",
     "tables",

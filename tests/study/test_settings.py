@@ -139,7 +139,10 @@ def test_a_seam_of_a_part_with_itself_can_be_written():
     [
         (changed("schema = 1", ""), "schema: expected this key, found none"),
         (changed("schema = 1", "schema = 2"), "schema: expected 1, found 2"),
-        (changed("schema = 1", "schema = 1\nunits = 'inch'"), "units: expected 'mm', 'cm', 'm' or 'um'"),
+        (
+            changed("schema = 1", "schema = 1\nunits = 'inch'"),
+            "units: expected 'mm', 'cm', 'm' or 'um'",
+        ),
         (changed("schema = 1", "schema = 1\ncolour = 3"), "colour: unknown key"),
         (changed("schema = 1", "schema = 1\npole = 'LA.x'"), 'pole: expected "PART.OSTIUM"'),
         (changed("[parts.LA]", '[parts."L.A"]'), r'parts."L.A" \(its name\): expected a name'),

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 
 from ostiform.arrays import FloatArray
-from ostiform.artifacts import StoredAs
+from ostiform.codecs import StoredAs
 from ostiform.surface import Component, Seam
 from ostiform.values import Axes, value
 
