@@ -93,11 +93,11 @@ def test_json_round_trip(tmp_path):
 
 
 def test_keys_differ_when_any_input_or_the_version_of_the_stage_differs(monkeypatch):
-    before = key_of("shape", {"x": 1})
-    assert key_of("shape", {"x": 1}) == before
-    assert len({before, key_of("shape", {"x": 2}), key_of("domain", {"x": 1})}) == 3
-    monkeypatch.setitem(VERSIONS, "shape", VERSIONS["shape"] + 1)
-    assert key_of("shape", {"x": 1}) != before
+    before = key_of("ingest", {"x": 1})
+    assert key_of("ingest", {"x": 1}) == before
+    assert len({before, key_of("ingest", {"x": 2}), key_of("domain", {"x": 1})}) == 3
+    monkeypatch.setitem(VERSIONS, "ingest", VERSIONS["ingest"] + 1)
+    assert key_of("ingest", {"x": 1}) != before
 
 
 NASTY = ["../../etc", "a/b", "a", ".", "..", "a_b", "é" * 200, "a b", "<script>", "con", "%2F"]

@@ -53,7 +53,7 @@ def test_what_is_exported_can_be_adopted_and_widened(results, tmp_path, capsys):
 
 def test_the_summaries_are_sentences(results, tmp_path, capsys):
     export(results, tmp_path / "export", format="csv, particles")
-    assert capsys.readouterr().out == f"22 files in {tmp_path / 'export'}\n"
+    assert capsys.readouterr().out == f"23 files in {tmp_path / 'export'}\n"
     adopt(tmp_path / "export" / "particles", tmp_path / "out")
     assert "6 shapes of 144 points" in capsys.readouterr().out
     widen(results / "model.h5", tmp_path / "wide.h5", sd="1,0.5", length="20,5")

@@ -130,7 +130,7 @@ def test_a_copy_without_surfaces_has_the_same_report_and_nothing_else_is_written
     whole, bare = tmp_path / "whole", tmp_path / "elsewhere" / "bare"
     for copy in (whole, bare):
         shutil.copytree(small_results, copy)
-    for name in ("shapes", "embeddings", "surveys", "folds", "conformal/model.h5"):
+    for name in ("opened", "shapes", "embeddings", "folds", "conformal/model.h5"):
         path = bare / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     before = contents(bare)

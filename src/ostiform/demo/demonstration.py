@@ -15,7 +15,7 @@ from ostiform.demo.implicit import Anatomy
 from ostiform.demo.leftheart import left_heart, random_heart_subject
 from ostiform.demo.truth import Truth, write_truth
 from ostiform.errors import InputError
-from ostiform.study.shape import ShapeId
+from ostiform.study import ShapeId
 from ostiform.surface import write_surface
 from ostiform.tables import write_table
 

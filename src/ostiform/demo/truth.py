@@ -20,7 +20,7 @@ from ostiform.demo.inversion import solve3
 from ostiform.demo.relaxation import cut_slopes, project_to_curves, project_to_surface
 from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 from ostiform.errors import ArtifactError, InputError
-from ostiform.study.shape import ShapeId
+from ostiform.study import ShapeId
 from ostiform.values import value
 
 _SCHEMA = 1

@@ -47,13 +47,7 @@ def read_mesh(path: Path) -> RawMesh:
         If the file is missing, empty, damaged, of another kind, or holds cells that are not
         flat, coordinates that are not finite, or no triangle.
     """
-    mesh = read_cloud_or_mesh(path)
-    if not len(mesh.faces):
-        raise InputError(
-            f"{path}: expected a surface of triangles, found {len(mesh.vertices)} points and no "
-            "triangle"
-        )
-    return mesh
+    return _with_triangles(path, read_cloud_or_mesh(path))
 
 
 def read_cloud_or_mesh(path: Path) -> RawMesh:
@@ -140,7 +134,8 @@ def write_surface(
     Raises
     ------
     InputError
-        If the path does not end in ``.vtp`` or an array has the wrong length.
+        If the path does not end in ``.vtp``, an array has the wrong length, or there is no
+        triangle.
     ArtifactError
         If the file cannot be written.
     """
@@ -150,6 +145,15 @@ def write_surface(
         mesh = RawMesh(vertices, faces, point_data or {}, cell_data or {}, "LPS")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    content = vtp_bytes(mesh, field_data)
+    content = vtp_bytes(_with_triangles(path, mesh), field_data)
     with atomically(path) as partial:
         partial.write_bytes(content)
+
+
+def _with_triangles(path: Path, mesh: RawMesh) -> RawMesh:
+    if not len(mesh.faces):
+        raise InputError(
+            f"{path}: expected a surface of triangles, found {len(mesh.vertices)} points and no "
+            "triangle"
+        )
+    return mesh
