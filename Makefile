@@ -44,7 +44,8 @@ viewer:
 	npm ci --prefix viewer
 	npm run build --prefix viewer
 
-lint: $(VENV)/installed-lint
+# Types are checked in the tests too, so their libraries must be there.
+lint: $(VENV)/installed-lint $(VENV)/installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy src tests benchmarks
