@@ -4,44 +4,15 @@ import numpy as np
 import pytest
 
 from ostiform.errors import InputError
-from ostiform.study import parsed_settings, proposed_study, read_study, survey_shape
-from ostiform.study.name_pattern import guessed_pattern
+from ostiform.study import (
+    named_population,
+    parsed_settings,
+    proposed_study,
+    read_study,
+    survey_shape,
+)
 from ostiform.surface import write_surface
 from tests.oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles
-
-
-@pytest.mark.parametrize(
-    ("names", "pattern", "parts"),
-    [
-        (["LA_with_fibers_1.vtk", "LA_with_fibers_2.vtk"], "LA_with_fibers_{subject}.vtk", ("LA",)),
-        (
-            ["patient1_LV_ENDO_000.vtk", "patient1_LV_ENDO_001.vtk"],
-            "{subject}_LV_ENDO_{phase}.vtk",
-            ("LV",),
-        ),
-        (
-            [f"{s}_{p}_{c}.vtp" for s in ("A", "B") for p in ("00", "01") for c in ("LV", "LA")],
-            "{subject}_{phase}_{part}.vtp",
-            ("LV", "LA"),
-        ),
-        (
-            [f"{s}/{c}.ply" for s in ("s1", "s2", "s3") for c in ("LV", "LA")],
-            "{subject}/{part}.ply",
-            ("LV", "LA"),
-        ),
-        (
-            [f"study-{a}-{b}.stl" for a in ("x1", "x2") for b in ("anna", "otto")],
-            "study-{subject}.stl",
-            (),
-        ),
-        (["anna.stl", "otto long name.stl"], "{subject}.stl", ()),
-        (["heart.vtp"], "{subject}.vtp", ()),
-        (["a1.nii.gz", "a2.nii.gz"], "{subject}.nii.gz", ()),
-    ],
-)
-def test_patterns_are_read_off_the_names(names, pattern, parts):
-    found = guessed_pattern(names)
-    assert (found.pattern, found.parts) == (pattern, parts)
 
 
 def heart(folder):
@@ -102,6 +73,52 @@ def test_a_mesh_that_cannot_be_oriented_is_still_proposed(tmp_path):
     fin = np.vstack([faces, [[faces[0, 0], faces[0, 1], len(vertices)]]])
     write_surface(tmp_path / "a.vtp", np.vstack([vertices, [[0, 0, 9]]]), fin)
     assert "ostia = []" in proposed_study(tmp_path, tmp_path / "study.toml")
+
+
+def half_torus(side):
+    """A tube bent by 180 degrees, open at both ends."""
+    about, along = np.meshgrid(np.arange(24) / 24, np.linspace(0, 0.5, 31))
+    tube, ring = 2 * np.pi * about.ravel(), 2 * np.pi * (along.ravel() + (0.5 if side else 0.0))
+    thick = 9.0 + 3.0 * np.cos(ring)
+    radius = 30.0 + thick * np.cos(tube)
+    vertices = np.c_[radius * np.cos(ring), radius * np.sin(ring), thick * np.sin(tube)]
+    k = np.arange(30 * 24).reshape(30, 24)
+    right = np.roll(k, -1, axis=1)
+    quads = np.stack([k, k + 24, right + 24, right], axis=-1).reshape(-1, 4)
+    return vertices, np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def test_of_two_rims_that_two_parts_share_one_is_their_seam(tmp_path):
+    for subject, scale in (("s1", 1.0), ("s2", 1.1)):
+        for side, part in enumerate(("LV", "RV")):
+            vertices, faces = half_torus(side)
+            write_surface(tmp_path / f"{subject}_{part}.vtp", scale * vertices, faces)
+    path = tmp_path / "study.toml"
+    text = proposed_study(tmp_path, path)
+    path.write_text(text, encoding="utf-8")
+    assert "# doubt: LV and RV share 2 rims; the longest is their seam" in text
+    study = read_study(path)
+    assert len(study.settings.seams) == 1
+    surveys = [survey_shape(study, entry) for entry in study.entries]
+    assert not named_population(study.settings, surveys).problems
+
+
+def test_surfaces_on_one_side_of_a_common_rim_get_no_seam(tmp_path):
+    vertices, faces = half_sphere(400, 36, -1)
+    outer = vertices * (1.0 + 0.2 * (vertices[:, 2:] < -1e-6))
+    write_surface(tmp_path / "s1_endo.vtp", 30.0 * vertices, faces)
+    write_surface(tmp_path / "s1_epi.vtp", 30.0 * outer, faces)
+    text = proposed_study(tmp_path, tmp_path / "study.toml")
+    assert "# doubt: endo and epi share a rim but lie on one side of it" in text
+    assert not parsed_settings(text).seams
+
+
+def test_a_guessed_unit_is_said_to_be_guessed(tmp_path):
+    vertices, faces = holed_sphere(200, [((0, 0, 1), 0.5, 20)])
+    write_surface(tmp_path / "a.vtp", 0.04 * vertices, faces)
+    text = proposed_study(tmp_path, tmp_path / "study.toml")
+    assert 'units = "m"' in text
+    assert "# doubt: the unit m was guessed from a size of 0.0" in text
 
 
 def test_named_segments_become_parts_of_their_names(tmp_path):

@@ -140,13 +140,17 @@ def test_an_empty_study_is_refused(study, tmp_path):
     ("pattern", "message"),
     [
         ("{subject}_{day}.vtp", r"found \{day\}"),
-        ("{phase}_{part}.vtp", r"expected the field \{subject\}"),
         ("{subject}.vtp", r"expected the field \{part\}"),
     ],
 )
 def test_a_pattern_with_wrong_fields_is_refused(study, pattern, message):
     with pytest.raises(InputError, match=message):
         study(PARTS + f'pattern = "{pattern}"', "a.vtp")
+
+
+def test_a_pattern_without_subject_is_one_subject(study):
+    found = study(PARTS + 'pattern = "{phase}_{part}.vtp"', "0_LV.vtp", "0_LA.vtp", "1_LV.vtp")
+    assert [str(entry.id) for entry in found.entries] == ["1/0", "1/1"]
 
 
 def test_points_for_a_shape_that_does_not_exist_are_refused(study):

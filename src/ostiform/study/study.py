@@ -16,6 +16,7 @@ from ostiform.values import value
 
 _FIELDS = ("subject", "phase", "part")
 _DEFAULT_PHASE = "0"
+_ONLY_SUBJECT = "1"
 
 
 @value(eq=True)
@@ -90,7 +91,17 @@ def read_study(path: Path) -> Study:
         If the study file is wrong (see `read_settings`), no file matches, or a shape is given
         twice.
     """
-    settings = read_settings(path)
+    return study_of(path, read_settings(path))
+
+
+def study_of(path: Path, settings: StudySettings) -> Study:
+    """Find the files of the shapes of a study whose file would be at a path.
+
+    Raises
+    ------
+    InputError
+        As `read_study`.
+    """
     folder = path.parent / settings.shapes.folder
     if not folder.is_dir():
         raise InputError(f"{path.name}: shapes.folder: expected a folder, found none at {folder}")
@@ -140,7 +151,7 @@ def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
         phase = fields.get("phase", _DEFAULT_PHASE)
         named = (fields["part"],) if "part" in fields else parts
         for part in named:
-            shapes[fields["subject"], phase][part].append(file)
+            shapes[fields.get("subject", _ONLY_SUBJECT), phase][part].append(file)
     if not shapes:
         examples = ", ".join(file.relative_to(folder).as_posix() for file in files[:3])
         raise InputError(
@@ -183,10 +194,9 @@ def _expression(
             one_of = "|".join(re.escape(part) for part in sorted(parts, key=len, reverse=True))
             expression += f"(?P<{name}>{one_of})" if name == "part" else f"(?P<{name}>[^/]+)"
             seen.add(name)
-    needed = {"subject"} | ({"part"} if len(parts) > 1 and not shares_files else set())
-    if missing := sorted(needed - seen):
+    if "part" not in seen and len(parts) > 1 and not shares_files:
         raise InputError(
-            f'{path.name}: shapes.pattern: expected the field {{{missing[0]}}}, found "{pattern}"'
+            f'{path.name}: shapes.pattern: expected the field {{part}}, found "{pattern}"'
         )
     return re.compile(expression)
 
