@@ -76,7 +76,7 @@ def test_excluded_subjects_stay_out_and_groups_become_covariates(tmp_path, rng):
     project.write_text(json.dumps({"data": rows}), encoding="utf-8")
     found = read_source(project, SourceSettings())
     assert [id.subject for id in found.ids] == ["p0", "p1", "p2", "p4"]
-    assert "left out 1 excluded subject" in found.notes
+    assert "left out 1 excluded shape" in found.notes
     adopt_shapes(project, tmp_path / "out", SourceSettings())
     lines = (tmp_path / "out" / "covariates.csv").read_text(encoding="utf-8").splitlines()
     assert lines == ["subject,phase,sex", "p0,0,m", "p1,0,f", "p2,0,m", "p4,0,m"]

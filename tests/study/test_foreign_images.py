@@ -81,12 +81,12 @@ def test_metaimages_of_every_choice_are_read_as_simpleitk_does(tmp_path, labels)
 @pytest.mark.parametrize(
     ("field", "message"),
     [
-        ("NDims = 4", "NDims = 3, found 4: save each frame"),
+        ("NDims = 4", "four with time, found NDims = 4, DimSize = 4 5 6"),
         ("ElementNumberOfChannels = 3", "ElementNumberOfChannels = 1, found 3"),
         ("ElementToIntensityFunctionSlope = 2", "Slope = 1, found 2"),
-        ("CenterOfRotation = 1 0 0", "CenterOfRotation = 0 0 0, found 1 0 0"),
+        ("CenterOfRotation = 1 0 0", "CenterOfRotation of zeros, found 1 0 0"),
         ("DistanceUnits = inch", "DistanceUnits mm, cm, m or um, found inch"),
-        ("Kinds = domain domain list", "this is a sequence"),
+        ("Kinds = domain domain list", "images of two axes over time"),
         ("ObjectType = Tube", "ObjectType = Image, found Tube"),
         ("HeaderSize = -2", "HeaderSize from 0 on"),
     ],
@@ -219,5 +219,5 @@ def test_frames_in_one_file_are_never_joined(tmp_path, labels):
     frames = np.stack([labels > 20, labels > 60]).astype(np.uint8)
     for list_axis in (0, 3):
         segmentation(tmp_path / "a.seq.nrrd", frames, {}, list_axis)
-        with pytest.raises(InputError, match="found 4: save each frame"):
+        with pytest.raises(InputError, match="found 2 frames: for one phase per frame"):
             read_label_map(tmp_path / "a.seq.nrrd")

@@ -98,7 +98,7 @@ def test_files_that_are_no_label_maps_are_refused(tmp_path, oblique):
     fractions = labels.astype(np.float32) + 0.5
     refused(written(tmp_path, "nii", fractions, affine), "this is an image, not a label map")
     four = np.stack([labels, labels], axis=-1)
-    refused(written(tmp_path, "nii", four, affine), "three axes of voxels, found 4")
+    refused(written(tmp_path, "nii", four, affine), "found 2 frames: for one phase per frame")
     sheared = affine.copy()
     sheared[:3, 0] += 0.2 * affine[:3, 1]
     refused(written(tmp_path, "nrrd", labels, sheared), "right angles")

@@ -46,14 +46,14 @@ def atrium(seed, names=tuple(CENTERS), extra=()):
     return 30.0 * vertices * rng.uniform(0.9, 1.1, 3) * [1.2, 0.8, 1.0], faces, holes
 
 
-def survey(label, atrium, transform=None, known=None):
+def survey(label, atrium, transform=None, known=None, points=None):
     vertices, faces, _ = atrium
     if transform is not None:
         vertices = vertices @ transform.T
         if np.linalg.det(transform) < 0:
             faces = faces[:, [0, 2, 1]]
     facts = part_survey(vertices, faces, boundary_loops(faces), known or {})
-    return ShapeSurvey(ShapeId(label, "0", 0.0), {"LA": facts})
+    return ShapeSurvey(ShapeId(label, "0", 0.0), {"LA": facts}, points or {})
 
 
 def true_names(atrium, names=tuple(CENTERS)):
@@ -94,12 +94,12 @@ def test_one_shape_with_points_names_all_others():
     vertices, faces, _ = atria[2]
     names = true_names(atria[2])
     loops = boundary_loops(faces)
-    rows = [
-        f'"LA.{name}" = {(rotations(4)[2] @ vertices[loops[k]].mean(axis=0)).round(1).tolist()}'
+    points = {
+        f"LA.{name}": rotations(4)[2] @ vertices[loops[k]].mean(axis=0).round(1)
         for name, k in names.items()
-    ]
-    text = STUDY + '[ostia.shapes."2"]\n' + "\n".join(rows)
-    found = named_population(parsed_settings(text), surveys)
+    }
+    surveys[2] = survey("2", atria[2], rotations(4)[2], points=points)
+    found = named_population(parsed_settings(STUDY), surveys)
     assert found.problems == {}
     for item, a in zip(surveys, atria, strict=True):
         assert dict(found.names[item.id].names["LA"]) == true_names(a)
@@ -129,13 +129,13 @@ def test_openings_that_look_alike_are_a_clear_problem():
     text = STUDY.replace('["mitral", "RSPV", "RIPV", "LSPV", "LIPV"]', '["a", "b", "c", "d"]')
     belt = [((np.cos(t), np.sin(t), 0.0), 0.3, 16) for t in np.pi / 2 * np.arange(4)]
     vertices, faces = holed_sphere(900, belt)
-    points = "\n".join(
-        f'"LA.{name}" = {[round(float(30 * x), 3) for x in hole[0]]}'
-        for name, hole in zip("abcd", belt, strict=True)
-    )
-    settings = parsed_settings(text + '[ostia.shapes."0"]\n' + points)
+    points = {f"LA.{name}": 30 * np.array(hole[0]) for name, hole in zip("abcd", belt, strict=True)}
+    settings = parsed_settings(text)
     other, other_faces = holed_sphere(1000, belt)
-    shapes = [survey("0", (30 * vertices, faces, [])), survey("1", (30 * other, other_faces, []))]
+    shapes = [
+        survey("0", (30 * vertices, faces, []), points=points),
+        survey("1", (30 * other, other_faces, [])),
+    ]
     found = named_population(settings, shapes)
     assert list(found.names) == [shapes[0].id]
     assert re.search(r"LA: .* two ways .* \[ostia.shapes.\"1/0\"\]", found.problems[shapes[1].id])

@@ -26,7 +26,7 @@ def test_columns_are_read_by_name_and_others_kept_as_covariates(sheet):
 
 def test_phase_and_time_may_be_left_out_and_one_part_may_be_called_file(sheet):
     (row,) = read_sheet(sheet("subject,file\ns1,a.vtp\n\n"), ["LA"])
-    assert (row.phase, row.time, dict(row.files)) == ("0", None, {"LA": "a.vtp"})
+    assert (row.phase, row.time, dict(row.files)) == (None, None, {"LA": "a.vtp"})
 
 
 def test_an_empty_cell_is_a_missing_file(sheet):

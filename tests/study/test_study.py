@@ -164,3 +164,33 @@ def test_alignment_is_per_subject_where_a_subject_has_several_phases(study):
     assert study(pattern, "a_1.vtp", "b_1.vtp").alignment_per == "shape"
     assert study(pattern, "a_2.vtp").alignment_per == "subject"
     assert study(pattern + '\n[alignment]\nper = "shape"').alignment_per == "shape"
+
+
+def test_equal_phase_names_are_equal_times_whichever_are_missing(study):
+    # Case: first frame missing on one of two, last and inner ones on others.
+    names = [f"p{s}_{k}.vtp" for s in range(4) for k in range(6)]
+    missing = {"p1_0.vtp", "p2_5.vtp", "p3_2.vtp", "p3_3.vtp"}
+    found = study(
+        ONE_PART + 'pattern = "{subject}_{phase}.vtp"', *(n for n in names if n not in missing)
+    )
+    for entry in found.entries:
+        assert entry.id.time == int(entry.id.phase) / 6
+    notes = {entry.id.subject: "".join(entry.notes) for entry in found.entries}
+    assert notes["p0"] == ""
+    assert "p1 lacks the phase 0 that others have: its times leave room for it" in notes["p1"]
+    assert "p2 lacks the phase 5" in notes["p2"]
+    assert "give times (shapes.times or a sheet)" in notes["p2"]
+    assert "p3 lacks the phases 2, 3" in notes["p3"]
+
+
+def test_a_sheet_leaves_out_what_it_excludes_without_moving_the_others(study, tmp_path):
+    rows = [f"p{s},{k},p{s}_{k}.vtp,{'yes' if (s, k) == (1, 0) else ''}" for s in (1, 2)
+            for k in (0, 1)]  # fmt: skip
+    (tmp_path / "sheet.csv").write_text("\n".join(["subject,phase,file,exclude", *rows]))
+    found = study(ONE_PART + 'sheet = "sheet.csv"')
+    assert {str(e.id): e.id.time for e in found.entries} == {"p1/1": 0.5, "p2/0": 0.0, "p2/1": 0.5}
+    assert [str(id) for id in found.excluded] == ["p1/0"]
+    assert all(not entry.notes for entry in found.entries)
+    (tmp_path / "sheet.csv").write_text("subject,file,exclude\np1,a.vtp,maybe\n")
+    with pytest.raises(InputError, match='row 2: expected exclude yes or no, found "maybe"'):
+        study(ONE_PART + 'sheet = "sheet.csv"')

@@ -39,6 +39,7 @@ def _print_table(checks: list[pipeline.ShapeCheck]) -> None:
     )
     for check in checks:
         verdict = "not usable" if check.problem else "usable, mended" if check.repairs else "usable"
+        verdict = "excluded" if check.is_excluded else verdict
         for row in check.parts:
             named = ", ".join(row.ostia) or ("closed" if row.n_openings == 0 else "")
             openings = "?" if row.n_openings is None else str(row.n_openings)
@@ -63,5 +64,6 @@ def _print_table(checks: list[pipeline.ShapeCheck]) -> None:
             console.print(f"{check.id}: {repair}", markup=False, highlight=False, soft_wrap=True)
         if check.problem is not None:
             console.print(check.problem, markup=False, highlight=False, soft_wrap=True)
-    usable = sum(check.problem is None for check in checks)
-    console.print(f"{usable} of {len(checks)} shapes can be used")
+    looked_at = [check for check in checks if not check.is_excluded]
+    usable = sum(check.problem is None for check in looked_at)
+    console.print(f"{usable} of {len(looked_at)} shapes can be used")

@@ -20,7 +20,7 @@ from ostiform.errors import InputError, TopologyError
 from ostiform.exchange.landmarks import read_landmarks
 from ostiform.exchange.particles import read_particles
 from ostiform.model import ModelMesh
-from ostiform.study import ShapeId, natural_key
+from ostiform.study import NO_PHASE, ShapeId, natural_key, times_of_phases
 from ostiform.surface import RawMesh, boundary_loops, oriented_outward, placed_vertices, read_mesh
 from ostiform.values import Axes, value
 
@@ -81,12 +81,12 @@ def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple
     names: dict[tuple[str, str], Path] = {}
     for path in files:
         if expression is None:
-            who = (re.sub(r"[_.](local|world)$", "", path.name.rsplit(".", 1)[0]), "0")
+            who = (re.sub(r"[_.](local|world)$", "", path.name.rsplit(".", 1)[0]), NO_PHASE)
         else:
             match = expression.fullmatch(path.relative_to(folder).as_posix())
             if match is None:
                 continue
-            who = (match["subject"], match.groupdict().get("phase", "0"))
+            who = (match["subject"], match.groupdict().get("phase", NO_PHASE))
         if who in names:
             raise InputError(
                 f"{path}: expected one file for the shape {who[0]}/{who[1]}, found "
@@ -99,14 +99,10 @@ def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple
             f"{len(files)}"
         )
     order = sorted(names, key=lambda who: (natural_key(who[0]), natural_key(who[1])))
-    ranks = Counter[str]()
-    totals = Counter(subject for subject, _ in order)
-    sources = []
-    for subject, phase in order:
-        time = ranks[subject] / totals[subject]
-        ranks[subject] += 1
-        sources.append(SourceFile(ShapeId(subject, phase, time), names[subject, phase]))
-    return tuple(sources)
+    return tuple(
+        SourceFile(ShapeId(*who, time), names[who])
+        for who, time in zip(order, times_of_phases(order), strict=True)
+    )
 
 
 def read_ordered_meshes(

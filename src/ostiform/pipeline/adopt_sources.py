@@ -23,7 +23,7 @@ from ostiform.exchange import (
     read_particle_shapes,
     read_project,
 )
-from ostiform.study import ShapeId, read_sheet
+from ostiform.study import NO_PHASE, ShapeId, read_sheet, times_of_phases
 from ostiform.surface import (
     MESH_SUFFIXES,
     MM_PER_UNIT,
@@ -125,8 +125,9 @@ def read_source(source: Path, settings: SourceSettings) -> OrderedShapes:
 
 
 def _from_folder(folder: Path, settings: SourceSettings) -> OrderedShapes:
+    notes: tuple[str, ...] = ()
     if settings.sheet is not None:
-        files: tuple[SourceFile, ...] = _sheet_files(folder, settings.sheet)
+        files, notes = _sheet_files(folder, settings.sheet)
     else:
         depth = 0 if settings.pattern is None else settings.pattern.count("/")
         known = {*MESH_SUFFIXES, *PARTICLE_SUFFIXES, ".json"}
@@ -146,12 +147,14 @@ def _from_folder(folder: Path, settings: SourceSettings) -> OrderedShapes:
         )
     kind = kinds.pop()
     if kind == "meshes":
-        return read_ordered_meshes(files, settings.units, settings.frame, settings.parts)
-    if kind == "landmarks":
-        return read_landmark_shapes(files, settings.factors)
-    ids = [file.id for file in files]
-    paths = [file.path for file in files]
-    return read_particle_shapes(ids, {settings.parts[0]: paths}, settings.factors)
+        found = read_ordered_meshes(files, settings.units, settings.frame, settings.parts)
+    elif kind == "landmarks":
+        found = read_landmark_shapes(files, settings.factors)
+    else:
+        ids = [file.id for file in files]
+        paths = [file.path for file in files]
+        found = read_particle_shapes(ids, {settings.parts[0]: paths}, settings.factors)
+    return replace(found, notes=(*found.notes, *notes))
 
 
 def _without_world(files: Sequence[Path]) -> list[Path]:
@@ -164,24 +167,33 @@ def _without_world(files: Sequence[Path]) -> list[Path]:
     ]
 
 
-def _sheet_files(folder: Path, sheet: Path) -> tuple[SourceFile, ...]:
+def _sheet_files(folder: Path, sheet: Path) -> tuple[tuple[SourceFile, ...], tuple[str, ...]]:
+    """Return the files of a sheet that are not excluded, and a note on those that are."""
     rows = read_sheet(sheet, ["file"])
-    counts: dict[str, int] = {}
-    files = []
-    for row in rows:
-        rank = counts.setdefault(row.subject, 0)
-        counts[row.subject] += 1
-        total = sum(other.subject == row.subject for other in rows)
+    who = [(row.subject, row.phase or NO_PHASE) for row in rows]
+    ids = [
+        ShapeId(*own, time if row.time is None else row.time)
+        for row, own, time in zip(rows, who, times_of_phases(who), strict=True)
+    ]
+    for row, id in zip(rows, ids, strict=True):
         if "file" not in row.files:
-            raise InputError(f"{sheet}: {row.subject}/{row.phase}: expected a file, found none")
-        time = rank / total if row.time is None else row.time
-        id = ShapeId(row.subject, row.phase, time)
-        files.append(SourceFile(id, folder / row.files["file"]))
-    keys = [(file.id.subject, file.id.phase) for file in files]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise InputError(f"{sheet}: expected every shape once, found {key[0]}/{key[1]} twice")
-    return tuple(files)
+            raise InputError(f"{sheet}: {id}: expected a file, found none")
+        if who.count((id.subject, id.phase)) > 1:
+            raise InputError(f"{sheet}: expected every shape once, found {id} twice")
+        if row.reflect:
+            raise InputError(
+                f"{sheet}: {id}: expected shapes whose points correspond, found one to reflect: "
+                "mirror it where it was made"
+            )
+    kept = [(row, id) for row, id in zip(rows, ids, strict=True) if not row.excluded]
+    if not kept:
+        raise InputError(f"{sheet}: expected shapes, found all {len(rows)} excluded")
+    files = tuple(SourceFile(id, folder / row.files["file"]) for row, id in kept)
+    return files, _left_out(len(rows) - len(kept))
+
+
+def _left_out(count: int) -> tuple[str, ...]:
+    return (f"left out {counted(count, 'excluded shape')}",) if count else ()
 
 
 def _kind(path: Path) -> str:
@@ -210,8 +222,7 @@ def _from_project(path: Path, settings: SourceSettings) -> OrderedShapes:
     particles = read_particle_shapes(ids, chosen, settings.factors)
     shapes = _with_project_mesh(path, rows, particles, settings)
     groups = tuple(row.groups for row in rows)
-    left_out = len(listed) - len(rows)
-    notes = (f"left out {counted(left_out, 'excluded subject')}",) if left_out else ()
+    notes = _left_out(len(listed) - len(rows))
     return replace(shapes, notes=(*shapes.notes, *notes), covariates=groups)
 
 
@@ -220,22 +231,20 @@ def _project_ids(path: Path, rows: Sequence[ProjectRow]) -> list[ShapeId]:
     who = []
     for number, row in enumerate(rows, start=1):
         name = row.columns.get("subject") or row.columns.get("name") or f"subject{number}"
-        who.append((name, row.columns.get("phase", "0")))
+        who.append((name, row.columns.get("phase", NO_PHASE)))
     for item in who:
         if who.count(item) > 1:
             raise InputError(f"{path}: expected every subject once, found {item[0]} twice")
     ids = []
-    for number, (subject, phase) in enumerate(who):
-        rank = sum(other == subject for other, _ in who[:number])
-        total = sum(other == subject for other, _ in who)
-        stated = rows[number].columns.get("time")
+    for row, own, rank in zip(rows, who, times_of_phases(who), strict=True):
+        stated = row.columns.get("time")
         try:
-            time = float(stated) if stated is not None else rank / total
+            time = float(stated) if stated is not None else rank
         except ValueError:
             raise InputError(
-                f'{path}: {subject}/{phase}: expected a number as time, found "{stated}"'
+                f'{path}: {own[0]}/{own[1]}: expected a number as time, found "{stated}"'
             ) from None
-        ids.append(ShapeId(subject, phase, time))
+        ids.append(ShapeId(*own, time))
     return ids
 
 

@@ -56,12 +56,15 @@ class ShapeCheck:
         What reading and hygiene change.
     problem : str or None
         Why the shape cannot be used.
+    is_excluded : bool
+        Whether the sheet leaves it out; it was not read then.
     """
 
     id: ShapeId
     parts: tuple[PartRow, ...]
     repairs: tuple[str, ...]
     problem: str | None
+    is_excluded: bool = False
 
 
 def check_study(
@@ -95,7 +98,8 @@ def check_study(
         found: list[ShapeCheck | None] = [None] * len(tasks)
         for outcome in pool.each(_check, tasks):
             found[outcome.index] = outcome.result
-    return [check for check in found if check is not None]
+    excluded = [ShapeCheck(id, (), (), None, is_excluded=True) for id in study.excluded]
+    return [*(check for check in found if check is not None), *excluded]
 
 
 @dataclass(frozen=True, slots=True)

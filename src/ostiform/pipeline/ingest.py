@@ -13,7 +13,7 @@ import numpy as np
 from ostiform.artifacts import load_mapped, save
 from ostiform.domain import Circle, circle_from_part_sphere
 from ostiform.errors import InputError
-from ostiform.pipeline.events import Warn
+from ostiform.pipeline.events import Note, Warn
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes
 from ostiform.pipeline.store import Store, file_hash, key_of, slug
 from ostiform.study import (
@@ -85,6 +85,8 @@ class Named:
 def ingest_shapes(run: Run) -> Ingested:
     """Read the files of every shape of a study."""
     entries = run.study.entries
+    if run.study.excluded:
+        run.on_event(Note(f"left out as excluded: {', '.join(map(str, run.study.excluded))}"))
     study = replace(run.study, entries=())  # a task's own entry is all that it needs
     tasks = [_IngestTask(study, entry, run.store) for entry in entries]
     found, failures = over_shapes(run, "read", _ingested, tasks, [entry.id for entry in entries])
@@ -157,7 +159,7 @@ def _reading_inputs(study: Study, entry: ShapeEntry) -> list[Any]:
         If a file cannot be read.
     """
     settings = study.settings.model_dump(mode="json", include=READING_SETTINGS)
-    identity = [entry.id.subject, entry.id.phase, entry.id.time]
+    identity = [entry.id.subject, entry.id.phase, entry.id.time, entry.frame, entry.reflect]
     files = dict(entry.files)
     files |= {f"cuts {k}": path for k, path in enumerate(entry.cuts)}
     for name, path in entry.files.items():

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ostiform.arrays import FloatArray
 from ostiform.correspondence import SurfaceMarks
 from ostiform.errors import InputError
 from ostiform.exchange import read_landmarks
 from ostiform.pipeline.store import file_hash
-from ostiform.study import ShapeId, Study, internal_factors
+from ostiform.study import MIRROR, ShapeId, Study, internal_factors
 
 
 def stated_marks(study: Study, ids: Sequence[ShapeId]) -> tuple[SurfaceMarks | None, ...]:
@@ -24,7 +25,11 @@ def stated_marks(study: Study, ids: Sequence[ShapeId]) -> tuple[SurfaceMarks | N
         If a file is wrong, or no shape has one although the study names them.
     """
     paths = [_path(study, id) for id in ids]
-    found = tuple(None if path is None else _marks(study, path) for path in paths)
+    reflected = {entry.id for entry in study.entries if entry.reflect}
+    found = tuple(
+        None if path is None else _marks(study, path, MIRROR if id in reflected else np.ones(3))
+        for id, path in zip(ids, paths, strict=True)
+    )
     if study.settings.landmarks.file is not None and all(marks is None for marks in found):
         raise InputError(
             f"{study.path.name}: landmarks.file: expected the landmarks of some shape at "
@@ -58,9 +63,9 @@ def _path(study: Study, id: ShapeId) -> Path | None:
     return path if path.is_file() else None
 
 
-def _marks(study: Study, path: Path) -> SurfaceMarks:
+def _marks(study: Study, path: Path, mirror: FloatArray) -> SurfaceMarks:
     marks = read_landmarks(path)
-    factors = internal_factors(study.settings)
+    factors = internal_factors(study.settings) * mirror
     size = float(abs(factors[0]))  # millimetres of a unit of the files
     return SurfaceMarks(
         names=tuple(mark.name for mark in marks),

@@ -1,9 +1,12 @@
+from .cycles import natural_key as natural_key
+from .cycles import times_of_phases as times_of_phases
 from .layout_names import LayoutCircle as LayoutCircle
 from .markups import read_markups as read_markups
 from .naming import LoopFacts as LoopFacts
 from .naming import loop_facts as loop_facts
 from .naming import named_loops as named_loops
 from .opened import OpenedShape as OpenedShape
+from .parts import MIRROR as MIRROR
 from .parts import internal_factors as internal_factors
 from .population import PopulationNames as PopulationNames
 from .population import ShapeNames as ShapeNames
@@ -18,13 +21,13 @@ from .settings import CircleSettings as CircleSettings
 from .settings import StudySettings as StudySettings
 from .settings_file import parsed_settings as parsed_settings
 from .settings_file import read_settings as read_settings
+from .shape import NO_PHASE as NO_PHASE
 from .shape import Shape as Shape
 from .shape import ShapeId as ShapeId
 from .sheet import read_sheet as read_sheet
 from .sources import data_beside as data_beside
 from .study import ShapeEntry as ShapeEntry
 from .study import Study as Study
-from .study import natural_key as natural_key
 from .study import read_study as read_study
 from .survey import ShapeSurvey as ShapeSurvey
 from .survey import shape_survey as shape_survey

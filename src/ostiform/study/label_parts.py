@@ -46,7 +46,10 @@ _DEFAULT_EDGE_IN_VOXELS = 1.5
 
 
 def label_meshes(
-    settings: StudySettings, files: Mapping[str, Path], cuts: Mapping[str, Cut]
+    settings: StudySettings,
+    files: Mapping[str, Path],
+    cuts: Mapping[str, Cut],
+    frame: int | None = None,
 ) -> dict[str, RawMesh]:
     """Return the surface of every part, closed but for the rims where parts touch.
 
@@ -57,6 +60,8 @@ def label_meshes(
         The label map of each part; one file may hold several.
     cuts : mapping of str to Cut
         By full ostium name; one at a seam of two parts parts their labels there.
+    frame : int, optional
+        Of maps of several.
 
     Returns
     -------
@@ -68,7 +73,7 @@ def label_meshes(
     InputError
         If a map cannot be read, a label is missing, or parts with a seam do not touch.
     """
-    maps = {path: read_label_map(path) for path in dict.fromkeys(files.values())}
+    maps = {path: read_label_map(path, frame) for path in dict.fromkeys(files.values())}
     masks = {part: _mask(settings, part, files[part], maps[files[part]]) for part in files}
     meshes: dict[str, RawMesh] = {}
     for group in component_parts(tuple(settings.parts), settings.seam_pairs):
@@ -107,10 +112,12 @@ def _mask(settings: StudySettings, part: str, path: Path, label_map: LabelMap) -
     if not mask.any():
         present = np.unique(label_map.labels)
         sought = "voxels other than 0" if wanted is None else f"voxels of {list(wanted)}"
-        raise InputError(
-            f"{path}: expected {sought} for the part {part}, found the labels "
-            f"{', '.join(map(str, present[:12].tolist()))}: check labels.values"
+        found = (
+            f"found the labels {', '.join(map(str, present[:12].tolist()))}: check labels.values"
         )
+        if not present.any() and not label_map.further:
+            found = "found no label at all: this image or frame was not segmented"
+        raise InputError(f"{path}: expected {sought} for the part {part}, {found}")
     return mask
 
 

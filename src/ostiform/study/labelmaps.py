@@ -27,7 +27,8 @@ from ostiform.arrays import (
     frozen_mapping,
 )
 from ostiform.errors import InputError
-from ostiform.study.metaimage import read_metaimage
+from ostiform.study.frames import Frames, nifti_frames, nrrd_frames
+from ostiform.study.metaimage import read_metaimage, read_metaimage_frames
 from ostiform.surface import MM_PER_UNIT
 
 _LARGEST = 2_000_000_000
@@ -48,7 +49,10 @@ _UNITS = {
     "centimeter": "cm",
     "": "mm",
 }
-_ONE_PER_FILE = "save each frame as a file of its own and name them by {phase} in the pattern"
+_ONE_PHASE_PER_FRAME = (
+    "for one phase per frame leave {phase} out of the pattern (phase out of the sheet), or save "
+    "each frame as a file of its own"
+)
 _NRRD_TO_LPS = {
     "left-posterior-superior": (1.0, 1.0, 1.0),
     "lps": (1.0, 1.0, 1.0),
@@ -139,16 +143,34 @@ def is_label_map(path: Path) -> bool:
     return path.name.lower().endswith(LABEL_MAP_ENDINGS)
 
 
-def read_label_map(path: Path) -> LabelMap:
-    """Read a label map.
+def read_frames(path: Path) -> Frames | None:
+    """Return when the frames of a label map are, from its header; None where it has one.
+
+    A header that cannot be read has none: `read_label_map` says why.
+    """
+    reader = _FRAMES.get(_map_ending(path) or "")
+    try:
+        return None if reader is None else reader(path)
+    except (InputError, *_DAMAGED):
+        return None
+
+
+def read_label_map(path: Path, frame: int | None = None) -> LabelMap:
+    """Read a label map, or one frame of several.
+
+    Parameters
+    ----------
+    path : Path
+    frame : int, optional
+        Along the file's axis of time, from 0; of a file that has one.
 
     Raises
     ------
     InputError
-        If the file is missing, damaged, not three-dimensional, sheared, or holds values that
-        are not whole numbers.
+        If the file is missing, damaged, not three-dimensional (but for time), sheared, or holds
+        values that are not whole numbers.
     """
-    ending = next((e for e in LABEL_MAP_ENDINGS if path.name.lower().endswith(e)), None)
+    ending = _map_ending(path)
     if ending is None:
         raise InputError(
             f"{path}: expected a label map ending in {', '.join(LABEL_MAP_ENDINGS)}, found another"
@@ -160,27 +182,45 @@ def read_label_map(path: Path) -> LabelMap:
     try:
         with np.errstate(all="ignore"):
             found = _READERS[ending](path)
-            layers = [_whole_numbers(_three_axes(values)) for values in found.layers]
+            layers = [
+                _whole_numbers(_in_space(values, found.frames, frame)) for values in found.layers
+            ]
             return LabelMap(layers[0], found.affine, tuple(layers[1:]), found.segments, found.notes)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (
-        ImageFileError, HeaderDataError, nrrd.NRRDError, OSError, EOFError, ValueError, KeyError,
-        IndexError, TypeError, OverflowError, MemoryError, zlib.error, gzip.BadGzipFile,
-    ) as error:  # fmt: skip
+    except _DAMAGED as error:
         raise InputError(
             f"{path}: expected a label map, found a damaged file ({error}): export it again"
         ) from None
 
 
+_DAMAGED = (
+    ImageFileError, HeaderDataError, nrrd.NRRDError, OSError, EOFError, ValueError, KeyError,
+    IndexError, TypeError, OverflowError, MemoryError, zlib.error, gzip.BadGzipFile,
+)  # fmt: skip
+
+
+def _map_ending(path: Path) -> str | None:
+    return next((e for e in LABEL_MAP_ENDINGS if path.name.lower().endswith(e)), None)
+
+
+def read_first_frame(path: Path) -> LabelMap:
+    """Read a label map, or the first frame of several; errors are those of `read_label_map`."""
+    return read_label_map(path, None if read_frames(path) is None else 0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """What a file holds: layers of voxels, the affine to LPS, and named segments."""
+    """What a file holds: layers of voxels, the affine to LPS, and named segments.
+
+    Layers of several frames have a fourth axis.
+    """
 
     layers: Sequence[Any]
     affine: FloatArray
     segments: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    frames: Frames | None = None
 
 
 def _read_nifti(path: Path) -> _Found:
@@ -193,8 +233,10 @@ def _read_nifti(path: Path) -> _Found:
     factor = MM_PER_UNIT[_NIFTI_UNITS[spatial]]
     affine[:3] *= factor
     notes = _doubt_of_place(header, affine, factor)
-    values = np.asanyarray(image.dataobj)
-    return _Found([values], np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine, notes=notes)
+    frames = nifti_frames(header)
+    sizes = image.shape[: 3 if frames is None else 4]
+    values = image.dataobj.reshape(sizes)  # read where it is indexed
+    return _Found([values], np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine, notes=notes, frames=frames)
 
 
 def _doubt_of_place(header: Any, taken: FloatArray, factor: float) -> tuple[str, ...]:
@@ -229,21 +271,26 @@ def _read_nrrd(path: Path) -> _Found:
         if key in header:
             raise InputError(f'expected voxels as they are, found "{key}" of scaled ones')
     values, header = nrrd.read(str(path))
-    if values.ndim > 3 and not _segments(header, 0):
-        raise InputError(f"expected three axes of voxels, found {values.ndim}: {_ONE_PER_FILE}")
-    space = str(header.get("space", "")).lower()
+    space, notes = str(header.get("space", "")).lower(), tuple[str, ...]()
+    frames = _frames_of_nrrd(header)
+    if not space and frames is not None and header.get("space dimension") == 4:
+        space = "lps"
+        notes = ("the image names no space: took left-posterior-superior as ITK does",)
+    space = space.removesuffix("-time") if len(space) > 4 else space[:3]
     if space not in _NRRD_TO_LPS:
         raise InputError(
             f'expected a space of NRRD such as left-posterior-superior, found "{space}"'
         )
     directions = np.array(
-        [[np.nan] * 3 if row is None else row for row in header["space directions"]],
+        [[np.nan] * 3 if row is None else row[:3] for row in header["space directions"]],
         dtype=np.float64,
     )
-    lists = np.flatnonzero(np.isnan(directions).all(axis=1))
-    has_layers = values.ndim == 4 and directions.shape == (4, 3) and len(lists) == 1
-    if has_layers:
-        values, directions = np.moveaxis(values, lists[0], 0), np.delete(directions, lists, axis=0)
+    beside = np.flatnonzero(~np.isfinite(directions).all(axis=1) | ~directions.any(axis=1))
+    has_layers = values.ndim == 4 and len(beside) == 1 and frames is None
+    if len(directions) == 4 and len(beside) == 1:
+        # Layers first, time last.
+        values = np.moveaxis(values, beside[0], 0 if has_layers else 3)
+        directions = np.delete(directions, beside, axis=0)
     if directions.shape != (3, 3) or not np.isfinite(directions).all():
         raise InputError(
             "expected three space directions, found a file of other axes: save a label map or a "
@@ -251,8 +298,8 @@ def _read_nrrd(path: Path) -> _Found:
         )
     affine = np.eye(4)
     affine[:3, :3] = directions.T
-    affine[:3, 3] = np.array(header.get("space origin", np.zeros(3)), dtype=np.float64)
-    units = [str(unit).strip(' "').lower() for unit in header.get("space units", ["mm"])]
+    affine[:3, 3] = np.array(header.get("space origin", np.zeros(3)), dtype=np.float64)[:3]
+    units = [str(unit).strip(' "').lower() for unit in header.get("space units", ["mm"])[:3]]
     factors = [MM_PER_UNIT.get(_UNITS.get(unit, unit)) for unit in units]
     if len(set(factors)) > 1 or factors[0] is None:
         raise InputError(f"expected space units of one length, found {', '.join(units)}")
@@ -261,7 +308,8 @@ def _read_nrrd(path: Path) -> _Found:
     segments = _segments(header, len(layers))
     if any(not 0 <= layer < len(layers) for layer, _ in segments.values()):
         raise InputError(f"expected segments in {len(layers)} layers, found one in another layer")
-    return _Found(layers, np.diag([*_NRRD_TO_LPS[space], 1.0]) @ affine, segments)
+    to_lps = np.diag([*_NRRD_TO_LPS[space], 1.0])
+    return _Found(layers, to_lps @ affine, segments, notes, frames)
 
 
 def _segments(header: Mapping[str, Any], n_layers: int) -> dict[str, tuple[int, int]]:
@@ -285,12 +333,21 @@ def _segments(header: Mapping[str, Any], n_layers: int) -> dict[str, tuple[int, 
     return segments
 
 
-def _three_axes(values: Any) -> Any:
-    while values.ndim > 3 and values.shape[-1] == 1:
-        values = values[..., 0]
-    if values.ndim != 3:
-        raise InputError(f"expected three axes of voxels, found {values.ndim}: {_ONE_PER_FILE}")
-    return values
+def _in_space(values: Any, frames: Frames | None, frame: int | None) -> Any:
+    """Return the voxels (I, J, K) of one frame."""
+    if frames is None:
+        if frame is not None:
+            raise InputError(
+                "expected frames as in the other files of the shape, found an image without time"
+            )
+        return np.asanyarray(values)
+    if frame is None:
+        raise InputError(
+            f"expected one shape, found {len(frames.times)} frames: {_ONE_PHASE_PER_FRAME}"
+        )
+    if frame >= len(frames.times):
+        raise InputError(f"expected a frame {frame}, found {len(frames.times)} frames from 0")
+    return np.asanyarray(values[..., frame])
 
 
 def _whole_numbers(values: Any) -> IntArray:
@@ -310,8 +367,8 @@ def _whole_numbers(values: Any) -> IntArray:
 
 
 def _metaimage(path: Path) -> _Found:
-    values, affine = read_metaimage(path, _LARGEST)
-    return _Found([values], affine)
+    values, affine, frames = read_metaimage(path, _LARGEST)
+    return _Found([values], affine, frames=frames)
 
 
 _READERS: Mapping[str, Callable[[Path], _Found]] = {
@@ -324,3 +381,16 @@ _READERS: Mapping[str, Callable[[Path], _Found]] = {
 }
 
 LABEL_MAP_ENDINGS = tuple(_READERS)
+
+_FRAMES: Mapping[str, Callable[[Path], Frames | None]] = {
+    ".nii": lambda path: nifti_frames(nibabel.load(path).header),
+    ".nii.gz": lambda path: nifti_frames(nibabel.load(path).header),
+    ".nrrd": lambda path: _frames_of_nrrd(nrrd.read_header(str(path))),
+    ".nhdr": lambda path: _frames_of_nrrd(nrrd.read_header(str(path))),
+    ".mha": read_metaimage_frames,
+    ".mhd": read_metaimage_frames,
+}
+
+
+def _frames_of_nrrd(header: Mapping[str, Any]) -> Frames | None:
+    return None if _segments(header, 0) else nrrd_frames(header)

@@ -5,7 +5,7 @@ A field is honoured, or the file is refused by the field's name; others are desc
 
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
+from ostiform.study.frames import TIME_KINDS, Frames, even_frames
 from ostiform.surface import MM_PER_UNIT
 
 _TYPES = {
@@ -21,14 +22,32 @@ _TYPES = {
     "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
 }  # fmt: skip
 _ONLY = {
-    "ObjectType": "Image", "NDims": "3", "ElementNumberOfChannels": "1",
+    "ObjectType": "Image", "ElementNumberOfChannels": "1",
     "ElementToIntensityFunctionSlope": "1", "ElementToIntensityFunctionOffset": "0",
 }  # fmt: skip
 """Fields of which one value can be read."""
 
 
-def read_metaimage(path: Path, largest: int) -> tuple[Any, FloatArray]:
-    """Return the voxels (I, J, K) of a MetaImage, and the affine (4, 4) to mm in LPS.
+_MOST_HEADER = 1 << 20
+"""Bytes in which a header ends."""
+
+
+def read_metaimage_frames(path: Path) -> Frames | None:
+    """Return when the frames of a MetaImage are, from its header; None where it has one.
+
+    Raises
+    ------
+    InputError
+        If there is no header, or it has other axes.
+    """
+    with path.open("rb") as stream:
+        return _frames(_header(stream.read(_MOST_HEADER))[0])
+
+
+def read_metaimage(path: Path, largest: int) -> tuple[Any, FloatArray, Frames | None]:
+    """Return voxels (I, J, K), affine (4, 4) to mm in LPS, and frames of a MetaImage.
+
+    Voxels of several frames have a fourth axis.
 
     Parameters
     ----------
@@ -44,24 +63,52 @@ def read_metaimage(path: Path, largest: int) -> tuple[Any, FloatArray]:
     fields, body = _header(path.read_bytes())
     for name, value in _ONLY.items():
         if name in fields and _plain(fields[name]) != _plain(value):
-            more = (
-                ": save each frame as a file of its own and name them by {phase} in the pattern"
-                if name == "NDims"
-                else ""
-            )
-            raise InputError(f"expected {name} = {value}, found {fields[name]}{more}")
-    if "list" in fields.get("Kinds", "").split():
-        raise InputError(
-            f"expected three axes of space, found Kinds = {fields['Kinds']}: this is a sequence, "
-            "save each frame as a file of its own"
-        )
-    sizes = [int(word) for word in fields["DimSize"].split()]
-    if len(sizes) != 3 or min(sizes) < 1 or np.prod(np.array(sizes, np.float64)) > largest:
-        raise InputError(f"expected three sizes of a grid, found {fields['DimSize']}")
+            raise InputError(f"expected {name} = {value}, found {fields[name]}")
+    sizes = _sizes(fields)
+    if min(sizes) < 1 or np.prod(np.array(sizes, np.float64)) > largest:
+        raise InputError(f"expected sizes of a grid, found {fields['DimSize']}")
+    frames = _frames(fields)
     if fields["ElementType"] not in _TYPES:
         raise InputError(f"expected an element type of MetaImage, found {fields['ElementType']}")
     values = _voxels(path, fields, body, int(np.prod(sizes)))
-    return values.reshape(sizes, order="F"), _affine(fields)
+    values = values.reshape(sizes, order="F")
+    if len(sizes) == 3:
+        return values, _affine(fields, [0, 1, 2]), None
+    time = _time_axis(fields)
+    values = values.squeeze(time) if frames is None else np.moveaxis(values, time, 3)
+    return values, _affine(fields, [k for k in range(4) if k != time]), frames
+
+
+def _sizes(fields: Mapping[str, str]) -> list[int]:
+    sizes = [int(word) for word in fields["DimSize"].split()]
+    stated = fields.get("NDims", str(len(sizes)))
+    if len(sizes) not in (3, 4) or int(stated) != len(sizes):
+        raise InputError(
+            f"expected the sizes of three axes, or of four with time, found NDims = {stated}, "
+            f"DimSize = {fields['DimSize']}"
+        )
+    return sizes
+
+
+def _time_axis(fields: Mapping[str, str]) -> int:
+    """Return the axis of time of four: the one whose kind says so, else the last."""
+    kinds = fields.get("Kinds", "").split()
+    return next((k for k, kind in enumerate(kinds) if kind in TIME_KINDS), 3)
+
+
+def _frames(fields: Mapping[str, str]) -> Frames | None:
+    sizes, time = _sizes(fields), _time_axis(fields)
+    n = len(sizes)
+    if n == 3 and time < 3:
+        raise InputError(
+            f"expected three axes of space, found Kinds = {fields['Kinds']}: images of two axes "
+            "over time are no shapes"
+        )
+    if n == 3 or sizes[time] == 1:
+        return None
+    offset = _numbers(_first(fields, *_OFFSET, default=" ".join("0" * n)), n)
+    spacing = _numbers(_first(fields, *_SPACING, default=" ".join("1" * n)), n)
+    return even_frames(time, sizes[time], offset[time], spacing[time], None)
 
 
 def _voxels(path: Path, fields: Mapping[str, str], body: bytes, count: int) -> Any:
@@ -92,20 +139,33 @@ def _voxels(path: Path, fields: Mapping[str, str], body: bytes, count: int) -> A
     return np.frombuffer(body, dtype, count)
 
 
-def _affine(fields: Mapping[str, str]) -> FloatArray:
-    def first(*names: str, default: str) -> str:
-        return next((fields[name] for name in names if name in fields), default)
+_SPACING = ("ElementSpacing", "ElementSize")
+_OFFSET = ("Offset", "Position", "Origin")
+_MATRIX = ("TransformMatrix", "Rotation", "Orientation")
 
-    spacing = _numbers(first("ElementSpacing", "ElementSize", default="1 1 1"), 3)
-    matrix = first("TransformMatrix", "Rotation", "Orientation", default="1 0 0 0 1 0 0 0 1")
+
+def _first(fields: Mapping[str, str], *names: str, default: str) -> str:
+    return next((fields[name] for name in names if name in fields), default)
+
+
+def _affine(fields: Mapping[str, str], axes: Sequence[int]) -> FloatArray:
+    """Return the affine of the three axes of space."""
+    n = len(_sizes(fields))
+    identity = " ".join(f"{x:g}" for x in np.eye(n).ravel())
+    matrix = _numbers(_first(fields, *_MATRIX, default=identity), n * n).reshape(n, n)
+    for time in set(range(n)) - set(axes):
+        if np.abs(np.delete(matrix[time], time)).any() or np.delete(matrix[:, time], time).any():
+            raise InputError("expected time at right angles to space, found a TransformMatrix else")
+    spacing = _numbers(_first(fields, *_SPACING, default=" ".join("1" * n)), n)
+    offset = _numbers(_first(fields, *_OFFSET, default=" ".join("0" * n)), n)
+    if _numbers(fields.get("CenterOfRotation", " ".join("0" * n)), n).any():
+        raise InputError(
+            f"expected a CenterOfRotation of zeros, found {fields['CenterOfRotation']}: resample it"
+        )
     affine = np.eye(4)
     # Row i of the file's matrix is the direction of axis i.
-    affine[:3, :3] = _numbers(matrix, 9).reshape(3, 3).T * spacing
-    affine[:3, 3] = _numbers(first("Offset", "Position", "Origin", default="0 0 0"), 3)
-    if _numbers(fields.get("CenterOfRotation", "0 0 0"), 3).any():
-        raise InputError(
-            f"expected CenterOfRotation = 0 0 0, found {fields['CenterOfRotation']}: resample it"
-        )
+    affine[:3, :3] = matrix[np.ix_(axes, axes)].T * spacing[axes]
+    affine[:3, 3] = offset[axes]
     unit = fields.get("DistanceUnits", "mm").strip('" ')
     if unit not in ("?", "UNITS_UNKNOWN", *MM_PER_UNIT):
         raise InputError(f"expected DistanceUnits mm, cm, m or um, found {unit}")

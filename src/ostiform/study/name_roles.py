@@ -5,9 +5,9 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from ostiform.study.cycles import natural_key
 from ostiform.study.looks import FileLook, Relation, is_series, relation
 from ostiform.study.name_factors import PHASE_WORDS, NameFactors
-from ostiform.study.study import natural_key
 
 Look = Callable[[str], FileLook | None]
 """How a file looks; None where that cannot be said."""

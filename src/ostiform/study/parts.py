@@ -45,6 +45,10 @@ _NICK_OF_CLOSED = 0.25
 """Where no opening is expected: the share of the square root of the area."""
 
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""Factors from left to right."""
+
+
 @value
 class OpenPart:
     """One part with its loops, some of them named already.
@@ -164,6 +168,17 @@ def close_loops(opened: OpenPart, chosen: IntArray, repair: str) -> OpenPart:
         loops=loops,
         known=known,
         repairs=(*opened.repairs, repair),
+    )
+
+
+def reflected_part(opened: OpenPart) -> OpenPart:
+    """Return the mirror image of a part, left for right, its faces outward as before."""
+    return replace(
+        opened,
+        vertices=opened.vertices * MIRROR,
+        faces=opened.faces[:, ::-1],
+        loops=tuple(np.roll(loop[::-1], 1) for loop in opened.loops),
+        repairs=(*opened.repairs, "reflected left for right, as the study says"),
     )
 
 

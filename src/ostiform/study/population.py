@@ -90,16 +90,12 @@ class _Naming:
     def ostia(self) -> dict[str, tuple[str, ...]]:
         return {part: listed.ostia for part, listed in self.settings.parts.items()}
 
-    def points(self, shape: ShapeId, own: bool) -> dict[str, FloatArray]:
-        """Return the rough points of a shape, mm in LPS: its own alone, or the population's."""
-        stated = self.settings.ostia.shapes
-        chosen = (
-            {**stated.get(shape.subject, {}), **stated.get(str(shape), {})}
-            if own
-            else self.settings.ostia.points
-        )
+    @property
+    def points(self) -> dict[str, FloatArray]:
+        """The rough points of the population, mm in LPS."""
         factors = internal_factors(self.settings)
-        return {name: factors * np.array(point) for name, point in chosen.items()}
+        stated = self.settings.ostia.points
+        return {name: factors * np.array(point) for name, point in stated.items()}
 
     def listed(self, loops: Sequence[LoopFacts]) -> str:
         """Return loops in words, in the units and frame of the files."""
@@ -200,8 +196,7 @@ def _wrong_count(naming: _Naming, survey: ShapeSurvey) -> str | None:
 
 def _stated(naming: _Naming, survey: ShapeSurvey) -> dict[str, dict[str, int]] | None:
     """Return the names of a shape whose openings are told apart without any other shape."""
-    points = {**survey.points, **naming.points(survey.id, own=True)}
-    return _by_points(naming, survey, points, 0.0)
+    return _by_points(naming, survey, survey.points, 0.0)
 
 
 def _by_points(
@@ -257,7 +252,7 @@ def _reference(
         return landmarks_of(first, stated[first.id])
     best: tuple[float, Landmarks] | None = None
     for survey in sound:
-        points = naming.points(survey.id, own=False)
+        points = naming.points
         names = _by_points(naming, survey, points, LEAST_DIRECT_MARGIN)
         if names is None:
             continue
@@ -372,7 +367,7 @@ def _settled(naming: _Naming, survey: ShapeSurvey, match: Match) -> ShapeNames |
             "fits the other shapes far better as its mirror image: check the orientation and the "
             "frame of its file"
         )
-    points = naming.points(survey.id, own=False)
+    points = naming.points
     direct = _by_points(naming, survey, points, LEAST_DIRECT_MARGIN) if points else None
     if match.margin >= LEAST_MARGIN:
         if points and direct != match.names:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.errors import InputError, OstiformError, TopologyError
+from ostiform.study.cycles import natural_key
 from ostiform.study.label_schemes import Labels, label_parts, touching, valve
-from ostiform.study.labelmaps import LABEL_MAP_ENDINGS, is_label_map, read_label_map
+from ostiform.study.labelmaps import LABEL_MAP_ENDINGS, is_label_map, read_first_frame
 from ostiform.study.looks import FileLook, distance
 from ostiform.study.name_pattern import NamePattern, guessed_pattern, name_ending
 from ostiform.study.naming import LoopFacts, loop_facts
@@ -18,7 +19,7 @@ from ostiform.study.parts import surface_facts
 from ostiform.study.proposal_text import ProposedPart, ProposedStudy, proposal_text
 from ostiform.study.reading import opened_shape
 from ostiform.study.settings_file import parsed_settings
-from ostiform.study.study import natural_key, study_of
+from ostiform.study.study import study_of
 from ostiform.study.survey import part_survey
 from ostiform.surface import MESH_SUFFIXES, RawMesh, boundary_loops, face_areas, read_mesh
 
@@ -111,7 +112,7 @@ def _file_look(path: Path) -> FileLook | None:
     """Return how a file looks, or None where it cannot be read."""
     try:
         if is_label_map(path):
-            label_map = read_label_map(path)
+            label_map = read_first_frame(path)
             voxels = np.argwhere(label_map.labels)
             chosen = voxels[np.linspace(0, len(voxels) - 1, _SAMPLES).astype(np.int64)]
             samples = chosen @ label_map.affine[:3, :3].T + label_map.affine[:3, 3]
@@ -134,7 +135,7 @@ def _of_label_maps(
     seams: list[tuple[str, str, str]] = []
     if len(first) == 1:
         (path,) = first.values()
-        label_map = read_label_map(path)
+        label_map = read_first_frame(path)
         hint = f"{guess.pattern} {'cardiac' if (path.parent / 'Info.cfg').is_file() else ''}"
         try:
             found = label_parts(label_map, hint)

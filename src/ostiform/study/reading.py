@@ -5,17 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.study.markups import Markups
 from ostiform.study.naming import loop_facts, named_loops
 from ostiform.study.opened import OpenedShape
 from ostiform.study.parts import (
+    MIRROR,
     OpenPart,
     PartFacts,
     close_loops,
     internal_factors,
     opened_part,
+    reflected_part,
     surface_facts,
 )
 from ostiform.study.population import ShapeNames
@@ -54,11 +56,15 @@ def opened_shape(study: Study, entry: ShapeEntry) -> OpenedShape:
         opened = _opened_parts(settings, entry, markups)
     except (InputError, TopologyError) as error:
         raise type(error)(f"shape {entry.id}: {error}") from None
+    points = stated_points(settings, entry, markups)
+    if entry.reflect:
+        opened = {part: reflected_part(item) for part, item in opened.items()}
+        points = {name: MIRROR * point for name, point in points.items()}
     known = _known_by_seams(settings, opened)
     return OpenedShape(
         entry.id,
         {part: replace(item, known=known[part]) for part, item in opened.items()},
-        stated_points(settings, markups),
+        points,
         entry.notes,
     )
 
@@ -106,9 +112,7 @@ def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None)
     if names is not None:
         return named_shape(study.settings, opened, names)
     try:
-        surfaces = {
-            part: _named(study.settings, entry, part, item) for part, item in opened.parts.items()
-        }
+        surfaces = {part: _named(study.settings, entry, part, opened) for part in opened.parts}
         return _finished(study.settings, opened, opened.parts, surfaces, ())
     except (InputError, TopologyError) as error:
         raise type(error)(f"shape {entry.id}: {error}") from None
@@ -218,12 +222,20 @@ def _named(
     settings: StudySettings,
     entry: ShapeEntry,
     part: str,
-    opened: OpenPart,
+    shape: OpenedShape,
 ) -> Surface:
-    as_in_file = opened.vertices / internal_factors(settings)
+    opened, factors = shape.parts[part], internal_factors(settings)
+    as_in_file = opened.vertices / factors
     facts = [loop_facts(as_in_file, loop) for loop in opened.loops]
     diagonal = float(np.linalg.norm(np.ptp(as_in_file, axis=0)))
-    points = _rough_points(settings, entry, part)
+    stated = {name: np.array(point) for name, point in settings.ostia.points.items()}
+    stated |= {name: point / factors for name, point in shape.points.items()}
+    points = {
+        ostium: point
+        for name, point in stated.items()
+        for owner, ostium in [split_ostium_name(name)]
+        if owner == part
+    }
     try:
         named = named_loops(
             settings.parts[part].ostia, facts, opened.known, points, diagonal, settings.units
@@ -233,19 +245,6 @@ def _named(
     return Surface(
         opened.vertices, opened.faces, {name: opened.loops[k] for name, k in named.items()}
     )
-
-
-def _rough_points(settings: StudySettings, entry: ShapeEntry, part: str) -> dict[str, FloatArray]:
-    stated = {
-        **settings.ostia.points,
-        **settings.ostia.shapes.get(entry.id.subject, {}),
-        **settings.ostia.shapes.get(str(entry.id), {}),
-    }
-    return {
-        split_ostium_name(name)[1]: np.array(point)
-        for name, point in stated.items()
-        if split_ostium_name(name)[0] == part
-    }
 
 
 def _sewn(

@@ -57,7 +57,8 @@ class ShapesSettings(_Settings):
     deleting cells: ``array`` is the name of a cell or point array, every other key an ostium and
     its value. `split` makes parts of one mesh: ``array`` likewise, every other key a part and its
     value or values; `joined` says that one mesh without labels holds all parts, to be divided by
-    the cuts at the seams. `times` gives phases as fractions of the cycle.
+    the cuts at the seams. `times` gives phases as fractions of the cycle. `reflect` names the
+    subjects that are mirrored on reading (left for right), ``*`` matches anything.
     """
 
     pattern: str | None = None
@@ -68,6 +69,7 @@ class ShapesSettings(_Settings):
     split: dict[str, str | int | tuple[int, ...]] = {}
     joined: bool = False
     times: dict[str, Annotated[float, Field(ge=0.0, lt=1.0)]] = {}
+    reflect: str | tuple[str, ...] = ()
 
 
 class CycleSettings(_Settings):

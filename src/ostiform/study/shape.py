@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from ostiform.surface import Seam, Surface
 from ostiform.values import value
 
+NO_PHASE = "0"
+"""The phase of subjects without phases."""
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class ShapeId:

@@ -10,7 +10,8 @@ from typing import Any
 from ostiform.errors import InputError
 from ostiform.values import value
 
-_DEFAULT_PHASE = "0"
+_MARKS = ("exclude", "excluded", "reflect")
+_TRUE, _FALSE = ("yes", "true", "1", "x", "y"), ("", "no", "false", "0", "n")
 
 
 @value(eq=True)
@@ -19,20 +20,28 @@ class SheetRow:
 
     Attributes
     ----------
-    subject, phase : str
+    subject : str
+    phase : str or None
     time : float or None
         Fraction of the cycle, where the sheet says so.
+    cycle_s : float or None
+        Length of the cycle, where the sheet says so.
     files : mapping of str to str
         File of each part, as written; a part whose cell is empty is left out.
     covariates : mapping of str to str
         The other columns.
+    excluded, reflect : bool
+        Whether the shape is left out, and whether it is mirrored on reading.
     """
 
     subject: str
-    phase: str
+    phase: str | None
     time: float | None
+    cycle_s: float | None
     files: Mapping[str, str]
     covariates: Mapping[str, str]
+    excluded: bool
+    reflect: bool
 
 
 def read_sheet(
@@ -45,6 +54,7 @@ def read_sheet(
 
     ``time`` is a fraction of the cycle; instead there may be ``time_s`` in seconds, with the length
     of the cycle in ``cycle_s``, in ``heart_rate_bpm``, or given for all rows (`cycle_length_s`).
+    ``exclude`` and ``reflect`` are yes or no.
     ``phase`` and the times may be left out; a study of one part, or one whose files hold all parts
     (`shares_files`), may have one column ``file``.
     Empty rows are skipped; every other column is kept as a covariate. A CSV file may separate by
@@ -99,28 +109,40 @@ def _row(
     subject = values.pop("subject", "")
     if not subject:
         raise InputError(f"{path}, row {number}: expected a subject, found an empty cell")
-    phase = values.pop("phase", "") or _DEFAULT_PHASE
+    phase = values.pop("phase", "") or None
     written, seconds = values.pop("time", ""), values.pop("time_s", "")
     if written and seconds:
         raise InputError(
             f"{path}, row {number}: expected a time or a time_s, found both: leave one empty"
         )
     time = _time(path, number, written) if written else None
+    cycle_s = _cycle_length(path, number, values, cycle_length_s)
     if seconds:
-        time = _time_of_seconds(path, number, seconds, values, cycle_length_s)
+        time = _time_of_seconds(path, number, seconds, cycle_s)
     files = {
         part: name
         for column, named in file_columns.items()
         if (name := values.pop(column, ""))
         for part in named
     }
+    marks = {name: _mark(path, number, name, values.pop(name, "")) for name in _MARKS}
     return SheetRow(
         subject=subject,
         phase=phase,
         time=time,
+        cycle_s=cycle_s,
         files=files,
         covariates=values,
+        excluded=marks["exclude"] or marks["excluded"],
+        reflect=marks["reflect"],
     )
+
+
+def _mark(path: Path, number: int, name: str, written: str) -> bool:
+    word = written.casefold()
+    if word not in (*_TRUE, *_FALSE):
+        raise InputError(f'{path}, row {number}: expected {name} yes or no, found "{written}"')
+    return word in _TRUE
 
 
 def _time(path: Path, number: int, written: str) -> float:
@@ -136,15 +158,10 @@ def _time(path: Path, number: int, written: str) -> float:
     return time
 
 
-def _time_of_seconds(
-    path: Path,
-    number: int,
-    written: str,
-    cells: Mapping[str, str],
-    cycle_length_s: float | None,
-) -> float:
-    """Return a time in seconds as a fraction of the cycle, whose length the row may state."""
-    length = cycle_length_s
+def _cycle_length(
+    path: Path, number: int, cells: Mapping[str, str], default: float | None
+) -> float | None:
+    """Return the length of the cycle in seconds, which the row may state."""
     for name in ("cycle_s", "heart_rate_bpm"):
         if stated := cells.get(name, ""):
             value = _number(stated)
@@ -152,8 +169,12 @@ def _time_of_seconds(
                 raise InputError(
                     f'{path}, row {number}: expected a positive {name}, found "{stated}"'
                 )
-            length = value if name == "cycle_s" else 60.0 / value
-            break
+            return value if name == "cycle_s" else 60.0 / value
+    return default
+
+
+def _time_of_seconds(path: Path, number: int, written: str, length: float | None) -> float:
+    """Return a time in seconds as a fraction of the cycle."""
     if length is None:
         raise InputError(
             f"{path}, row {number}: expected the length of the cycle for a time in seconds, found "

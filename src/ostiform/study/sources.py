@@ -19,6 +19,7 @@ from ostiform.study.markups import (
     read_markups,
 )
 from ostiform.study.parts import (
+    MIRROR,
     check_frame,
     connected_mesh,
     face_values,
@@ -69,7 +70,7 @@ def part_meshes(
         )
     if volumes:
         full = {f"{part}.{o}": cut for part, own in cuts.items() for o, cut in own.items()}
-        meshes = label_meshes(settings, entry.files, full)
+        meshes = label_meshes(settings, entry.files, full, entry.frame)
     elif settings.shapes.split:
         meshes = _split_mesh(settings, entry)
     elif settings.shapes.joined:
@@ -129,14 +130,18 @@ def _owners(settings: StudySettings, name: str) -> list[str]:
 def part_cuts(
     settings: StudySettings, entry: ShapeEntry, markups: Markups
 ) -> dict[str, dict[str, Cut]]:
-    """Return the cuts of every part by ostium: of the shape itself, its subject, or all shapes."""
-    stated = {
-        **settings.cuts.planes,
+    """Return the cuts of every part by ostium: of the shape itself, its subject, or all shapes.
+
+    Those of all shapes hold for one that is reflected after it was.
+    """
+    own = {
         **settings.cuts.shapes.get(entry.id.subject, {}),
         **settings.cuts.shapes.get(str(entry.id), {}),
     }
     factors = internal_factors(settings)
-    cuts = {name: _plane(plane, factors) for name, plane in stated.items()}
+    shared = factors * MIRROR if entry.reflect else factors
+    cuts = {name: _plane(plane, shared) for name, plane in settings.cuts.planes.items()}
+    cuts.update({name: _plane(plane, factors) for name, plane in own.items()})
     cuts.update(markups.cuts)
     by_part: dict[str, dict[str, Cut]] = {part: {} for part in settings.parts}
     for name, cut in cuts.items():
@@ -145,17 +150,23 @@ def part_cuts(
     return by_part
 
 
-def stated_points(settings: StudySettings, markups: Markups) -> dict[str, FloatArray]:
-    """Return the points of a Markups file by full ostium name, mm in LPS.
+def stated_points(
+    settings: StudySettings, entry: ShapeEntry, markups: Markups
+) -> dict[str, FloatArray]:
+    """Return the rough points of a shape's own by full ostium name, mm in LPS.
 
-    A point is named by an ostium in full or, where just one part has it, by the ostium alone;
-    other points are no rough points.
+    Those of the study come before those of its Markups files. In these a point is named by an
+    ostium in full or, where just one part has it, by the ostium alone; other points are none.
     """
     points = {}
     for name, point in markups.points.items():
         owners = _owners(settings, name)
         if len(owners) == 1:
             points[owners[0]] = point
+    factors = internal_factors(settings)
+    for key in (entry.id.subject, str(entry.id)):
+        stated = settings.ostia.shapes.get(key, {})
+        points.update({name: factors * np.array(point) for name, point in stated.items()})
     return points
 
 

@@ -3,19 +3,22 @@
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Literal
 
 from ostiform.errors import InputError
+from ostiform.study.cycles import common_cycles, missing_phases, natural_key
+from ostiform.study.frames import Frames, places_in_cycle
+from ostiform.study.labelmaps import is_label_map, read_frames
 from ostiform.study.settings import StudySettings
 from ostiform.study.settings_file import read_settings
-from ostiform.study.shape import ShapeId
+from ostiform.study.shape import NO_PHASE, ShapeId
 from ostiform.study.sheet import read_sheet
 from ostiform.values import value
 
 _FIELDS = ("subject", "phase", "part")
-_DEFAULT_PHASE = "0"
 _ONLY_SUBJECT = "1"
 
 
@@ -35,6 +38,10 @@ class ShapeEntry:
         What was concluded about it, one sentence each.
     cuts : tuple of Path
         Its 3D Slicer Markups files.
+    frame : int or None
+        Which frame of its files it is, where these hold several.
+    reflect : bool
+        Whether it is mirrored on reading.
     """
 
     id: ShapeId
@@ -42,6 +49,8 @@ class ShapeEntry:
     covariates: Mapping[str, str]
     notes: tuple[str, ...] = ()
     cuts: tuple[Path, ...] = ()
+    frame: int | None = None
+    reflect: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +66,15 @@ class Study:
     settings : StudySettings
     entries : tuple of ShapeEntry
         Subjects in natural order, and the phases of each in natural order.
+    excluded : tuple of ShapeId
+        Shapes that the sheet leaves out.
     """
 
     path: Path
     folder: Path
     settings: StudySettings
     entries: tuple[ShapeEntry, ...]
+    excluded: tuple[ShapeId, ...] = ()
 
     @property
     def alignment_per(self) -> Literal["subject", "shape"]:
@@ -75,11 +87,26 @@ class Study:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
+    """A shape as the pattern or the sheet has it; of frames, with their own time."""
+
     subject: str
-    phase: str
+    phase: str | None
     time: float | None
     files: Mapping[str, Path]
     covariates: Mapping[str, str]
+    cycle_s: float | None
+    excluded: bool = False
+    reflect: bool = False
+    frame: int | None = None
+    frame_time: float | None = None
+
+    @property
+    def names(self) -> tuple[str, str]:
+        return self.subject, self.phase or NO_PHASE
+
+    @property
+    def label(self) -> str:
+        return str(ShapeId(*self.names, 0.0))
 
 
 def read_study(path: Path) -> Study:
@@ -114,6 +141,9 @@ def study_of(path: Path, settings: StudySettings) -> Study:
                 row.time,
                 {part: folder / name for part, name in row.files.items()},
                 row.covariates,
+                row.cycle_s,
+                row.excluded,
+                row.reflect,
             )
             for row in read_sheet(
                 sheet, settings.part_names, settings.shares_files, settings.cycle.length_s
@@ -121,20 +151,78 @@ def study_of(path: Path, settings: StudySettings) -> Study:
         ]
         if not found:
             raise InputError(f"{sheet}: expected one row per shape, found none")
-        _refuse_double(path, ((f"{row.subject}/{row.phase}", "row") for row in found))
+        _refuse_double(path, ((row.label, "row") for row in found))
     else:
         found = _matched(path, folder, settings)
+    found = _with_frames(_with_reflected(path, settings, found))
     _check_shape_keys(path, settings, found)
-    return Study(path, folder, settings, _ordered(path, folder, settings, found))
+    entries = _ordered(path, folder, settings, found)
+    out = {item.names for item in found if item.excluded}
+    kept = tuple(e for e in entries if (e.id.subject, e.id.phase) not in out)
+    if not kept:
+        raise InputError(f"{path.name}: expected shapes, found all {len(entries)} excluded")
+    excluded = tuple(e.id for e in entries if (e.id.subject, e.id.phase) in out)
+    return Study(path, folder, settings, kept, excluded)
 
 
-def natural_key(name: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
-    """Return the key that sorts names as people do: ``s2`` before ``s10``."""
-    steps = tuple(
-        (0, int(step), "") if step.isdecimal() else (1, 0, step.casefold())
-        for step in re.findall(r"\d+|\D+", name)
-    )
-    return steps, name
+def _with_reflected(
+    path: Path, settings: StudySettings, found: Sequence[_Found]
+) -> Sequence[_Found]:
+    """Return the shapes with those marked whose subjects the study reflects."""
+    stated = settings.shapes.reflect
+    for pattern in (stated,) if isinstance(stated, str) else stated:
+        named = [fnmatchcase(item.subject, pattern) for item in found]
+        if not any(named):
+            raise InputError(
+                f'{path.name}: shapes.reflect: expected subjects, found none named "{pattern}"'
+            )
+        found = [
+            replace(item, reflect=own or item.reflect)
+            for item, own in zip(found, named, strict=True)
+        ]
+    return found
+
+
+def _with_frames(found: Sequence[_Found]) -> list[_Found]:
+    """Return the shapes with those whose files hold several frames divided, a phase for each."""
+    divided: list[_Found] = []
+    for item in found:
+        frames = None if item.phase else _common_frames(item)
+        if frames is None:
+            divided.append(item)
+            continue
+        if item.time is not None:
+            raise InputError(
+                f"{item.label}: expected no time for a file of {len(frames.times)} frames, which "
+                f"has its own, found {item.time:g}: leave it empty"
+            )
+        try:
+            numbers, times = places_in_cycle(frames, item.cycle_s)
+        except InputError as error:
+            raise InputError(f"{item.label}: {error}") from None
+        divided += [
+            replace(item, phase=str(number), frame=k, frame_time=float(time))
+            for k, (number, time) in enumerate(zip(numbers.tolist(), times, strict=True))
+        ]
+    framed = [len(item.phase or "") for item in divided if item.frame is not None]
+    digits = max(2, *framed) if framed else 0
+    return [
+        item if item.frame is None else replace(item, phase=(item.phase or "").zfill(digits))
+        for item in divided
+    ]
+
+
+def _common_frames(item: _Found) -> Frames | None:
+    paths = dict.fromkeys(path for path in item.files.values() if is_label_map(path))
+    seen = {path: read_frames(path) for path in paths}
+    counts = {path: 1 if own is None else len(own.times) for path, own in seen.items()}
+    if len(set(counts.values())) > 1:
+        listed = ", ".join(f"{count} in {path.name}" for path, count in counts.items())
+        raise InputError(
+            f"{item.label}: expected as many frames in every file, found {listed}: save the frames "
+            "that belong together"
+        )
+    return next(iter(seen.values()), None)
 
 
 def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
@@ -142,13 +230,15 @@ def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
     expression = _expression(path, pattern, parts, settings.shares_files)
     depth = pattern.count("/")
     files = sorted(file for file in folder.glob("*/" * depth + "*") if file.is_file())
-    shapes: dict[tuple[str, str], dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
+    shapes: dict[tuple[str, str | None], dict[str, list[Path]]] = defaultdict(
+        lambda: defaultdict(list)
+    )
     for file in files:
         match = expression.fullmatch(file.relative_to(folder).as_posix())
         if match is None:
             continue
         fields = match.groupdict()
-        phase = fields.get("phase", _DEFAULT_PHASE)
+        phase = fields.get("phase")
         named = (fields["part"],) if "part" in fields else parts
         for part in named:
             shapes[fields.get("subject", _ONLY_SUBJECT), phase][part].append(file)
@@ -161,14 +251,22 @@ def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
     _refuse_double(
         path,
         (
-            (f"{subject}/{phase}", f"file for {part}")
+            (str(ShapeId(subject, phase or NO_PHASE, 0.0)), f"file for {part}")
             for (subject, phase), by_part in shapes.items()
             for part, candidates in by_part.items()
             for _ in candidates
         ),
     )
+    length = settings.cycle.length_s
     return [
-        _Found(subject, phase, None, {part: c[0] for part, c in by_part.items()}, {})
+        _Found(
+            subject,
+            phase,
+            None,
+            {part: c[0] for part, c in by_part.items()},
+            {},
+            length,
+        )
         for (subject, phase), by_part in shapes.items()
     ]
 
@@ -211,7 +309,7 @@ def _refuse_double(path: Path, items: Iterable[tuple[str, str]]) -> None:
 
 
 def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Found]) -> None:
-    known = {f"{item.subject}/{item.phase}" for item in found} | {item.subject for item in found}
+    known = {item.label for item in found} | {item.subject for item in found}
     keys = [("ostia", key) for key in settings.ostia.shapes]
     keys += [("cuts", key) for key in settings.cuts.shapes]
     for table, key in keys:
@@ -226,7 +324,7 @@ def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Foun
             f"{path.name}: cycle.landmarks: expected events for every subject of the study and for "
             f"no other, found it otherwise for {', '.join(odd)}"
         )
-    phases = {item.phase for item in found}
+    phases = {item.names[1] for item in found}
     if settings.shapes.times and (missing := sorted(phases - set(settings.shapes.times))):
         raise InputError(
             f"{path.name}: shapes.times: expected a time for every phase, found none for "
@@ -241,33 +339,34 @@ def _ordered(
     if stated and len(stated) < len(found):
         absent = next(item for item in found if item.time is None)
         raise InputError(
-            f"{path.name}: shape {absent.subject}/{absent.phase}: expected a time in the sheet for "
-            "every shape or for none, found none for this one"
+            f"{path.name}: shape {absent.label}: expected a time in the sheet for every shape or "
+            "for none, found none for this one"
         )
+    times = settings.shapes.times
+    cycles = common_cycles(item.names for item in found)
     by_subject: dict[str, list[_Found]] = defaultdict(list)
     for item in found:
         by_subject[item.subject].append(item)
     entries = []
     for subject in sorted(by_subject, key=natural_key):
-        cycle = sorted(by_subject[subject], key=lambda item: natural_key(item.phase))
-        missing = _missing_phases(by_subject, subject)
-        order = sorted([*(item.phase for item in cycle), *missing], key=natural_key)
-        notes: tuple[str, ...] = ()
-        if missing and not stated and not settings.shapes.times:
-            notes = (
-                f"subject {subject} lacks the phase{'s' * (len(missing) > 1)} "
-                f"{', '.join(missing)} that others have: its times leave room for "
-                f"{'them' if len(missing) > 1 else 'it'}",
+        own = sorted(by_subject[subject], key=lambda item: natural_key(item.names[1]))
+        phases = {item.names[1] for item in own}
+        missing = missing_phases(cycles, subject, phases, own[0].frame is not None)
+        notes = (missing,) if missing and not stated and not times else ()
+        for item in own:
+            phase, cycle = item.names[1], cycles[subject]
+            told = (item.time, times.get(phase), item.frame_time, cycle.index(phase) / len(cycle))
+            entries.append(
+                ShapeEntry(
+                    ShapeId(subject, phase, next(time for time in told if time is not None)),
+                    {part: item.files[part] for part in settings.parts if part in item.files},
+                    item.covariates,
+                    notes,
+                    _cuts_files(path, folder, settings, item),
+                    item.frame,
+                    item.reflect,
+                )
             )
-        for item in cycle:
-            time = item.time
-            if time is None:
-                rank = order.index(item.phase)
-                time = settings.shapes.times.get(item.phase, rank / len(order))
-            files = {part: item.files[part] for part in settings.parts if part in item.files}
-            shape = ShapeId(subject, item.phase, time)
-            cuts = _cuts_files(path, folder, settings, item)
-            entries.append(ShapeEntry(shape, files, item.covariates, notes, cuts))
     return tuple(entries)
 
 
@@ -276,7 +375,8 @@ def _cuts_files(
 ) -> tuple[Path, ...]:
     if settings.cuts.markups is None:
         return ()
-    name = settings.cuts.markups.replace("{subject}", item.subject).replace("{phase}", item.phase)
+    subject, phase = item.names
+    name = settings.cuts.markups.replace("{subject}", subject).replace("{phase}", phase)
     name = name.replace("{ostium}", "*")
     if "{" in name:
         raise InputError(
@@ -292,23 +392,3 @@ def _cuts_files(
             "found none"
         )
     return found
-
-
-def _missing_phases(by_subject: Mapping[str, Sequence[_Found]], subject: str) -> list[str]:
-    """Return the phases between a subject's own first and last that another subject has.
-
-    Only where that subject has all of this one's: cycles of another number of phases have their
-    own names.
-    """
-    own = {item.phase for item in by_subject[subject]}
-    first, last = min(own, key=natural_key), max(own, key=natural_key)
-    missing: set[str] = set()
-    for other, items in by_subject.items():
-        theirs = {item.phase for item in items}
-        if other != subject and own < theirs:
-            missing |= {
-                phase
-                for phase in theirs - own
-                if natural_key(first) < natural_key(phase) < natural_key(last)
-            }
-    return sorted(missing, key=natural_key)
