@@ -9,7 +9,6 @@ from .opened import OpenedShape as OpenedShape
 from .parts import MIRROR as MIRROR
 from .parts import internal_factors as internal_factors
 from .population import PopulationNames as PopulationNames
-from .population import ShapeNames as ShapeNames
 from .population import named_population as named_population
 from .proposal import proposed_study as proposed_study
 from .reading import named_shape as named_shape
@@ -24,6 +23,7 @@ from .settings_file import read_settings as read_settings
 from .shape import NO_PHASE as NO_PHASE
 from .shape import Shape as Shape
 from .shape import ShapeId as ShapeId
+from .shape_names import ShapeNames as ShapeNames
 from .sheet import read_sheet as read_sheet
 from .sources import data_beside as data_beside
 from .study import ShapeEntry as ShapeEntry

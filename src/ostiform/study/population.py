@@ -6,61 +6,39 @@ first from the shape that has them, then from the mean of all.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import FloatArray
 from ostiform.study.layout_names import LayoutCircle, names_by_layout
 from ostiform.study.matching import (
-    LARGEST_TRIAL,
     Landmarks,
     Match,
     best_match,
-    direct_way,
     landmarks_of,
     moved_onto,
-    n_ways,
 )
-from ostiform.study.naming import LoopFacts, listed_loops
 from ostiform.study.parts import internal_factors
+from ostiform.study.rough_points import (
+    LEAST_DIRECT_MARGIN,
+    Naming,
+    direct_names,
+    misfit_of_points,
+    names_by_points,
+    stated_names,
+)
 from ostiform.study.settings import StudySettings
 from ostiform.study.shape import ShapeId
-from ostiform.study.survey import PartSurvey, ShapeSurvey
+from ostiform.study.shape_names import MIRRORED, Names, ShapeNames, noted
+from ostiform.study.survey import ShapeSurvey
+from ostiform.study.trust import LEAST_MARGIN, trusted_names
 from ostiform.surface import component_parts, split_ostium_name
-from ostiform.values import value
-
-LEAST_MARGIN = 0.1
-"""The best way to name a shape's loops must fit a tenth better than the second best. Six left
-atria of patients have 0.2 to 0.7."""
-
-LEAST_DIRECT_MARGIN = 0.3
-"""The same for rough points in the frame of the files, which tell without any alignment."""
 
 OTHER_UNITS = 8.0
 """Shapes of one population differ less than this in size; centimetres and millimetres, more."""
 
 OTHER_OPENING = 5.0
 """So many times the usual perimeter, or less than its inverse, is another opening or a nick."""
-
-
-@value
-class ShapeNames:
-    """The names of a shape's loops.
-
-    Attributes
-    ----------
-    names : mapping of str to mapping of str to int
-        Loop of each ostium, by part.
-    closed : mapping of str to tuple of int
-        Loops to close, by part.
-    notes : tuple of str
-        What is worth saying about how they were found, one sentence each.
-    """
-
-    names: Mapping[str, Mapping[str, int]]
-    closed: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,34 +55,6 @@ class PopulationNames:
 
     names: Mapping[ShapeId, ShapeNames]
     problems: Mapping[ShapeId, str]
-
-
-@dataclass(frozen=True, slots=True)
-class _Naming:
-    """What naming works with: the settings, and what they say of each shape."""
-
-    settings: StudySettings
-    layout: Mapping[str, LayoutCircle]
-
-    @property
-    def ostia(self) -> dict[str, tuple[str, ...]]:
-        return {part: listed.ostia for part, listed in self.settings.parts.items()}
-
-    @property
-    def points(self) -> dict[str, FloatArray]:
-        """The rough points of the population, mm in LPS."""
-        factors = internal_factors(self.settings)
-        stated = self.settings.ostia.points
-        return {name: factors * np.array(point) for name, point in stated.items()}
-
-    def listed(self, loops: Sequence[LoopFacts]) -> str:
-        """Return loops in words, in the units and frame of the files."""
-        factors = internal_factors(self.settings)
-        scale = abs(float(factors[0]))
-        return listed_loops(
-            [LoopFacts(f.center / factors, f.perimeter / scale, f.n_vertices) for f in loops],
-            self.settings.units,
-        )
 
 
 def named_population(
@@ -127,7 +77,7 @@ def named_population(
         The circles that the study gives its base domain, by full ostium name; they name the
         openings where nothing else does.
     """
-    naming = _Naming(settings, layout or {})
+    naming = Naming(settings, layout or {})
     problems = _of_other_size(settings, surveys)
     sound = []
     for survey in surveys:
@@ -138,20 +88,37 @@ def named_population(
             sound.append(survey)
         else:
             problems[survey.id] = wrong
-    stated = {s.id: names for s in sound if (names := _stated(naming, s)) is not None}
-    others = [survey for survey in sound if survey.id not in stated]
-    named = {shape: ShapeNames(names) for shape, names in stated.items()}
+    stated = {s.id: names for s in sound if (names := stated_names(naming, s)) is not None}
+    trusted = trusted_names(naming, sound, stated)
+    problems.update(trusted.problems)
+    sound = [trusted.unnamed.get(s.id, s) for s in sound if s.id not in problems]
+    stated, named = trusted.stated, dict(trusted.named)
+    others = [survey for survey in sound if survey.id not in named]
     if others:
         reference = _reference(naming, sound, stated)
         if isinstance(reference, str):
             problems.update({s.id: reference + _free_loops(naming, s) for s in others})
         else:
-            found, doubtful = _matched(naming, sound, stated, reference)
-            named.update(found)
+            found, doubtful = _matched(naming, others, sound, stated, reference)
+            named.update({k: noted(names, trusted.notes.get(k)) for k, names in found.items()})
             problems.update(doubtful)
+    named = _mirrored_few(named)
     closing = {s.id: _with_closed(s, named[s.id]) for s in sound if s.id in named}
     problems.update(_odd_openings(naming, surveys, closing))
     return PopulationNames({k: v for k, v in closing.items() if k not in problems}, problems)
+
+
+def _mirrored_few(named: Mapping[ShapeId, ShapeNames]) -> dict[ShapeId, ShapeNames]:
+    """Say of the fewer shapes that they are mirrored, whichever the names came from."""
+    mirrored = {shape for shape, names in named.items() if MIRRORED in names.notes}
+    if 2 * len(mirrored) <= len(named):
+        return dict(named)
+    return {
+        shape: ShapeNames(names.names, names.closed, tuple(n for n in names.notes if n != MIRRORED))
+        if shape in mirrored
+        else noted(names, MIRRORED)
+        for shape, names in named.items()
+    }
 
 
 def _of_other_size(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> dict[ShapeId, str]:
@@ -174,7 +141,7 @@ def _of_other_size(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> d
     return problems
 
 
-def _wrong_count(naming: _Naming, survey: ShapeSurvey) -> str | None:
+def _wrong_count(naming: Naming, survey: ShapeSurvey) -> str | None:
     for part, ostia in naming.ostia.items():
         loops = survey.parts[part].loops
         spare = sum(split_ostium_name(c)[0] == part for c in naming.settings.ostia.close)
@@ -194,70 +161,22 @@ def _wrong_count(naming: _Naming, survey: ShapeSurvey) -> str | None:
     return None
 
 
-def _stated(naming: _Naming, survey: ShapeSurvey) -> dict[str, dict[str, int]] | None:
-    """Return the names of a shape whose openings are told apart without any other shape."""
-    return _by_points(naming, survey, survey.points, 0.0)
-
-
-def _by_points(
-    naming: _Naming, survey: ShapeSurvey, points: Mapping[str, FloatArray], least_margin: float
-) -> dict[str, dict[str, int]] | None:
-    """Return names from rough points in the shape's own frame, or None if they do not tell."""
-    names: dict[str, dict[str, int]] = {}
-    for part, ostia in naming.ostia.items():
-        found = _part_by_points(survey.parts[part], part, ostia, points, least_margin)
-        if found is None:
-            return None
-        names[part] = found
-    return names
-
-
-def _part_by_points(
-    facts: PartSurvey,
-    part: str,
-    ostia: Sequence[str],
-    points: Mapping[str, FloatArray],
-    least_margin: float,
-) -> dict[str, int] | None:
-    named = dict(facts.known)
-    asked = [ostium for ostium in ostia if ostium not in named]
-    free = [k for k in range(len(facts.loops)) if k not in named.values()]
-    guided = [ostium for ostium in asked if f"{part}.{ostium}" in points]
-    unguided = [ostium for ostium in asked if ostium not in guided]
-    if len(asked) > 1 or len(free) > len(asked):
-        if len(unguided) > (len(free) == len(asked)):
-            return None
-        if n_ways(len(free), len(guided)) > LARGEST_TRIAL:
-            return None
-        centers = np.array([facts.loops[k].center for k in free])
-        rough = np.array([points[f"{part}.{ostium}"] for ostium in guided])
-        chosen, _, margin = direct_way(centers, rough)
-        if margin < least_margin:
-            return None
-        named.update({ostium: free[k] for ostium, k in zip(guided, chosen.tolist(), strict=True)})
-    left = [k for k in free if k not in named.values()]
-    unnamed = [ostium for ostium in asked if ostium not in named]
-    named.update(dict(zip(unnamed, left, strict=False)))
-    return {ostium: named[ostium] for ostium in ostia}
-
-
 def _reference(
-    naming: _Naming,
+    naming: Naming,
     sound: Sequence[ShapeSurvey],
     stated: Mapping[ShapeId, Mapping[str, Mapping[str, int]]],
 ) -> Landmarks | str:
     """Return the landmarks that names spread from, or why there are none."""
     if stated:
-        first = next(survey for survey in sound if survey.id in stated)
-        return landmarks_of(first, stated[first.id])
+        shape, given = next(iter(stated.items()))
+        return landmarks_of(next(survey for survey in sound if survey.id == shape), given)
     best: tuple[float, Landmarks] | None = None
     for survey in sound:
-        points = naming.points
-        names = _by_points(naming, survey, points, LEAST_DIRECT_MARGIN)
+        names = direct_names(naming, survey)
         if names is None:
             continue
-        misfit = _misfit_of_points(survey, names, points)
-        if misfit < survey.diagonal / 2.0 and (best is None or misfit < best[0]):
+        misfit = misfit_of_points(survey, names, naming.points)
+        if best is None or misfit < best[0]:
             best = misfit, landmarks_of(survey, names)
     if best is not None:
         return best[1]
@@ -275,7 +194,7 @@ def _reference(
     )
 
 
-def _laid_out(naming: _Naming, sound: Sequence[ShapeSurvey]) -> Landmarks | str:
+def _laid_out(naming: Naming, sound: Sequence[ShapeSurvey]) -> Landmarks | str:
     """Return the landmarks of the shape whose loops fit the circles of the domain best."""
     groups = component_parts(tuple(naming.ostia), naming.settings.seam_pairs)
     best: tuple[float, Landmarks] | None = None
@@ -296,22 +215,7 @@ def _laid_out(naming: _Naming, sound: Sequence[ShapeSurvey]) -> Landmarks | str:
     )
 
 
-def _misfit_of_points(
-    survey: ShapeSurvey,
-    names: Mapping[str, Mapping[str, int]],
-    points: Mapping[str, FloatArray],
-) -> float:
-    """Return the root mean square distance of loops from their rough points."""
-    squares = [
-        float(((facts.loops[k].center - points[f"{part}.{ostium}"]) ** 2).sum())
-        for part, facts in survey.parts.items()
-        for ostium, k in names[part].items()
-        if f"{part}.{ostium}" in points
-    ]
-    return float(np.sqrt(np.mean(squares))) if squares else 0.0
-
-
-def _free_loops(naming: _Naming, survey: ShapeSurvey) -> str:
+def _free_loops(naming: Naming, survey: ShapeSurvey) -> str:
     loops = [
         loop
         for facts in survey.parts.values()
@@ -322,13 +226,13 @@ def _free_loops(naming: _Naming, survey: ShapeSurvey) -> str:
 
 
 def _matched(
-    naming: _Naming,
+    naming: Naming,
+    others: Sequence[ShapeSurvey],
     sound: Sequence[ShapeSurvey],
     stated: Mapping[ShapeId, Mapping[str, Mapping[str, int]]],
     reference: Landmarks,
 ) -> tuple[dict[ShapeId, ShapeNames], dict[ShapeId, str]]:
     """Name shapes by geometry: from the reference, then from the mean of the clear ones."""
-    others = [survey for survey in sound if survey.id not in stated]
     first = {survey.id: best_match(survey, naming.ostia, reference) for survey in others}
     clear = [landmarks_of(s, stated[s.id]) for s in sound if s.id in stated]
     clear += [
@@ -359,16 +263,16 @@ def _mean(items: Sequence[Landmarks], reference: Landmarks) -> Landmarks:
     )
 
 
-def _settled(naming: _Naming, survey: ShapeSurvey, match: Match) -> ShapeNames | str:
+def _settled(naming: Naming, survey: ShapeSurvey, match: Match) -> ShapeNames | str:
     """Return the names of a match that is clear, or why it is not."""
     notes = []
     if match.is_mirrored:
-        notes.append(
-            "fits the other shapes far better as its mirror image: check the orientation and the "
-            "frame of its file"
-        )
+        notes.append(MIRRORED)
+    if match.as_mirror is not None:
+        part, one, two = _differing(match.names, match.as_mirror)
+        notes.append(f"{part}: fits no worse as its mirror image, where {two}, not {one}: check it")
     points = naming.points
-    direct = _by_points(naming, survey, points, LEAST_DIRECT_MARGIN) if points else None
+    direct = names_by_points(naming, survey, points, LEAST_DIRECT_MARGIN) if points else None
     if match.margin >= LEAST_MARGIN:
         if points and direct != match.names:
             notes.append(
@@ -378,7 +282,7 @@ def _settled(naming: _Naming, survey: ShapeSurvey, match: Match) -> ShapeNames |
         return ShapeNames(match.names, notes=tuple(notes))
     if direct is not None and direct in (match.names, match.rival):
         return ShapeNames(direct, notes=tuple(notes))
-    part, one, two = _differing(match)
+    part, one, two = _differing(match.names, match.rival)
     loops = survey.parts[part].loops
     return (
         f"{part}: expected openings that can be told apart, found two ways to name them that fit "
@@ -387,12 +291,12 @@ def _settled(naming: _Naming, survey: ShapeSurvey, match: Match) -> ShapeNames |
     )
 
 
-def _differing(match: Match) -> tuple[str, str, str]:
-    """Return the part and the openings that the two best ways name differently."""
-    part = next(p for p in match.names if match.names[p] != match.rival[p])
-    ostia = [o for o, k in match.names[part].items() if match.rival[part][o] != k]
-    one = ", ".join(f"{o} = loop {match.names[part][o] + 1}" for o in ostia)
-    two = ", ".join(f"{o} = loop {match.rival[part][o] + 1}" for o in ostia)
+def _differing(names: Names, rival: Names) -> tuple[str, str, str]:
+    """Return the part and the openings that two ways name differently."""
+    part = next(p for p in names if names[p] != rival[p])
+    ostia = [o for o, k in names[part].items() if rival[part][o] != k]
+    one = ", ".join(f"{o} = loop {names[part][o] + 1}" for o in ostia)
+    two = ", ".join(f"{o} = loop {rival[part][o] + 1}" for o in ostia)
     return part, one, two
 
 
@@ -405,7 +309,7 @@ def _with_closed(survey: ShapeSurvey, names: ShapeNames) -> ShapeNames:
 
 
 def _odd_openings(
-    naming: _Naming, surveys: Sequence[ShapeSurvey], named: Mapping[ShapeId, ShapeNames]
+    naming: Naming, surveys: Sequence[ShapeSurvey], named: Mapping[ShapeId, ShapeNames]
 ) -> dict[ShapeId, str]:
     """Return the shapes with an opening of quite another size than in the other shapes."""
     known = [survey for survey in surveys if survey.id in named]

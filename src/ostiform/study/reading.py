@@ -20,9 +20,9 @@ from ostiform.study.parts import (
     reflected_part,
     surface_facts,
 )
-from ostiform.study.population import ShapeNames
 from ostiform.study.settings import StudySettings
 from ostiform.study.shape import Shape
+from ostiform.study.shape_names import ShapeNames
 from ostiform.study.sources import part_cuts, part_meshes, shape_markups, stated_points
 from ostiform.study.study import ShapeEntry, Study
 from ostiform.study.survey import ShapeSurvey, shape_survey

@@ -89,12 +89,15 @@ class OstiaSettings(_Settings):
 
     `points` holds for every shape; `shapes` for one shape (``"SUBJECT/PHASE"``) or all shapes of
     a subject (``"SUBJECT"``), where it comes first. `close` names openings (``"PART.NAME"``)
-    beyond the ostia of a part that some shapes have and that are closed there.
+    beyond the ostia of a part that some shapes have and that are closed there. `trust` says what
+    counts where the names given to a shape contradict the geometry of the others; without it such a
+    shape is left out.
     """
 
     points: dict[str, Point] = {}
     shapes: dict[str, dict[str, Point]] = {}
     close: tuple[str, ...] = ()
+    trust: Literal["names", "geometry"] | None = None
 
 
 class WeldingSettings(_Settings):
