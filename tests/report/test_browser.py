@@ -12,6 +12,7 @@ import pytest
 from ostiform.evaluation import clinical_table, left_out_point_residues
 from ostiform.model import (
     StoredModel,
+    SurfaceField,
     dynamic_model_of,
     fit_model,
     mesh_of_template,
@@ -76,7 +77,7 @@ def report(tmp_path_factory):
         "subtitle",
         (Fact("certified", "3 of 3", True, "note"), Fact("bad", "1", False)),
         (
-            viewer_section(stored, dynamic_model_of(stored), residues),
+            viewer_section(stored, dynamic_model_of(stored), residues, surface_fields(stored)),
             modes_section(model),
             volumes_section(clinical_table(shapes.ids, shapes.points, shapes.aligned, model.mesh)),
             Section("long", "Long", (), (), (Table("rows", ("a", "b"), (("x" * 60, "1"),) * 12),)),
@@ -87,6 +88,17 @@ def report(tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(render_page(page), encoding="utf-8")
     return path
+
+
+def surface_fields(stored):
+    """Return a voltage with a gap that is 10 mV lower in the first shape, and a label."""
+    height = np.broadcast_to(stored.model.mean[:, 2], (len(stored.ids), len(stored.model.mean)))
+    voltage = np.where(height > 40.0, np.nan, 0.1 * height)
+    voltage[0] -= 10.0
+    return (
+        SurfaceField("voltage", "mV", False, voltage),
+        SurfaceField("region", "", True, np.where(height > 0.0, 7.0, 3.0)),
+    )
 
 
 class Opened:
@@ -260,6 +272,24 @@ def test_points_are_coloured_by_their_distance_from_the_chosen_training_shape(op
     assert "distance from the training shape (mm)" in (
         page.locator(".viewer .legend").text_content()
     )
+
+
+def test_points_are_coloured_by_a_field_of_the_mean_or_of_the_chosen_training_shape(opened):
+    page, legend = opened.page, opened.page.locator(".viewer .legend")
+    before = opened.pixels()
+    page.get_by_label("Colour").select_option("voltage")
+    mean = opened.pixels()
+    assert mean != before
+    assert legend.text_content().startswith("voltage (mV), mean of the shapes\u2264 \u2212")
+    page.get_by_label("overlay the shape itself").uncheck()
+    page.get_by_label("Put the sliders at").select_option(index=1)
+    page.get_by_role("button", name="Mean shape").click()
+    assert opened.pixels() != mean
+    assert "voltage (mV), of the training shape" in legend.text_content()
+    page.get_by_label("Colour").select_option("region")
+    assert legend.text_content() == "region, of the training shape37"
+    page.get_by_label("Put the sliders at").select_option("none")
+    assert legend.text_content() == "region, most frequent label37"
 
 
 def test_every_control_is_reached_and_worked_with_the_keyboard_alone(opened):

@@ -14,6 +14,7 @@ from ostiform.evaluation import (
 )
 from ostiform.model import (
     StoredModel,
+    SurfaceField,
     dynamic_model_of,
     fit_model,
     mean_cycle,
@@ -109,6 +110,43 @@ def test_without_phases_there_is_one_set_and_no_cycle(stored):
 
 def test_the_error_of_the_points_is_that_of_left_out_shapes(data, stored):
     np.testing.assert_allclose(numbers(data["error"]), residues(stored).rms, atol=TOLERANCE_MM)
+
+
+def test_fields_are_carried_with_their_gaps(stored, monkeypatch):
+    n_points = len(stored.model.mean)
+    values = np.linspace(-3.0, 7.0, len(stored.ids) * n_points).reshape(-1, n_points)
+    values[0, :4] = np.nan
+    values[:, 5] = np.nan
+    labels = np.where(np.isnan(values), np.nan, np.where(values > 2.0, 9.0, 4.0))
+    fields = [
+        SurfaceField("voltage", "mV", False, values),
+        SurfaceField("region", "", True, labels),
+        SurfaceField("nowhere", "", False, np.full_like(values, np.nan)),
+    ]
+    voltage, region = json.loads(viewer_data(stored, None, None, fields))["fields"]
+    assert voltage["title"] == "voltage (mV)"
+    np.testing.assert_allclose(voltage["ends"], [-2.9, 6.9], atol=0.04)
+    np.testing.assert_allclose(gapped(voltage["mean"])[5:9], [np.nan, *values[:, 6:9].mean(axis=0)],
+                               atol=1e-3)  # fmt: skip
+    for record, own in zip(voltage["shapes"], values, strict=True):
+        np.testing.assert_allclose(gapped(record), own, atol=1.1e-4)  # half a unit of 7 / 32767
+    assert region["labels"] == ["4", "9"]
+    assert len(region["colours"]) == 2
+    for record, own in zip(region["shapes"], labels, strict=True):
+        found = gapped(record)
+        known = ~np.isnan(own)
+        np.testing.assert_array_equal(np.array([4.0, 9.0])[found[known].astype(int)], own[known])
+        assert np.isnan(found[~known]).all()
+    monkeypatch.setattr(viewer, "FIELD_BUDGET", 3 * 2 * 8 * n_points)
+    less = json.loads(viewer_data(stored, None, None, fields[:2]))["fields"]
+    assert [len(field["shapes"]) for field in less] == [9, 9]
+    names = [picture.name for picture in viewer_section(stored, None, None, fields).pictures]
+    assert names == ["points", "fields"]
+
+
+def gapped(record):
+    found = numbers(record)
+    return np.where(found == record["unit"] * viewer.MISSING, np.nan, found)
 
 
 def test_a_page_carries_so_many_training_shapes_and_says_how_many_there_are(stored, monkeypatch):

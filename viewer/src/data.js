@@ -16,6 +16,14 @@ function indicesOf(text) {
   return new Uint32Array(bytesOf(text).buffer);
 }
 
+const MISSING = -32768;
+
+// Numbers with gaps: NaN where a point has no value.
+function valuesOf({ unit, data }) {
+  const integers = new Int16Array(bytesOf(data).buffer);
+  return Float32Array.from(integers, (value) => (value === MISSING ? NaN : value * unit));
+}
+
 export function readModel(text) {
   const raw = JSON.parse(text);
   return {
@@ -25,6 +33,11 @@ export function readModel(text) {
     faces: indicesOf(raw.faces),
     openings: raw.openings.map(indicesOf),
     error: raw.error && numbersOf(raw.error),
+    fields: raw.fields.map((field) => ({
+      ...field,
+      mean: valuesOf(field.mean),
+      shapes: field.shapes.map(valuesOf),
+    })),
     sets: raw.sets.map((set) => ({ ...set, spread: numbersOf(set.spread) })),
   };
 }

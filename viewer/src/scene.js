@@ -27,6 +27,7 @@ const FIELD_OF_VIEW = 30;
 const INSIDE = 0.5; // brightness of the inside, seen through an opening
 const MARGIN = 1.12; // of the picture's half height over that of the mean shape
 const TURN = Math.PI / 24; // per key
+const WITHOUT = '#dbdee0'; // points without a value
 const OVERLAY = '#d55e00';
 
 export class Picture {
@@ -225,15 +226,23 @@ export class Picture {
     this.draw();
   }
 
-  // values: null for the colours of the parts, else one number per point and the largest of them.
-  setColours(values, largest) {
-    const kind = values ? 'scalar' : 'part';
-    if (values) {
+  // measured: null for the colours of the parts, else one number per point with the ends of the
+  // scale, or the number of its colour; grey where there is none.
+  setColours(measured) {
+    const kind = measured ? 'scalar' : 'part';
+    if (measured) {
+      const { values, largest, smallest = 0, colours } = measured;
       const colour = new Color();
       const rgb = [0, 0, 0];
       for (let i = 0; i < values.length; i += 1) {
-        colourAt(largest > 0 ? values[i] / largest : 0, rgb, 0);
-        colour.setRGB(rgb[0], rgb[1], rgb[2], SRGBColorSpace).toArray(this.colours, 3 * i);
+        if (Number.isNaN(values[i])) colour.set(WITHOUT);
+        else if (colours) colour.set(colours[values[i]]);
+        else {
+          const span = largest - smallest;
+          colourAt(span > 0 ? (values[i] - smallest) / span : 0, rgb, 0);
+          colour.setRGB(rgb[0], rgb[1], rgb[2], SRGBColorSpace);
+        }
+        colour.toArray(this.colours, 3 * i);
       }
       this.geometry.getAttribute('color').needsUpdate = true;
     }

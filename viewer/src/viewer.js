@@ -44,6 +44,8 @@ function group(title, ...children) {
 const signed = (value) =>
   `${value > 0 ? '+' : value < 0 ? '\u2212' : ''}${Math.abs(value).toFixed(2)} sd`;
 
+const endText = (value) => String(Number(value.toPrecision(3))).replace('-', '\u2212');
+
 // What the points can be coloured by; `measure` gives one number in mm per point.
 const COLOURINGS = [
   { label: 'part' },
@@ -77,6 +79,27 @@ const COLOURINGS = [
       viewer.distancesFrom(viewer.shape.scores, 0.5 * viewer.most(viewer.set.spread)),
   },
 ];
+
+// A field of the surface: the training shape's own where one is chosen and the page carries it.
+function fieldColouring(field) {
+  const { labels, colours, ends = [] } = field;
+  return {
+    label: field.name,
+    measure: ({ model, shape }) => {
+      const own = shape && field.shapes[model.shapes.indexOf(shape)];
+      const mean = labels ? 'most frequent label' : 'mean of the shapes';
+      return {
+        title: `${field.title}, ${own ? 'of the training shape' : mean}`,
+        values: own || field.mean,
+        smallest: ends[0],
+        largest: ends[1],
+        labels,
+        colours,
+        isOpen: true,
+      };
+    },
+  };
+}
 
 class Viewer {
   constructor(root, model) {
@@ -163,7 +186,10 @@ class Viewer {
   }
 
   lookControls() {
-    this.colourings = COLOURINGS.filter(({ needs }) => !needs || needs(this.model));
+    this.colourings = [
+      ...COLOURINGS.filter(({ needs }) => !needs || needs(this.model)),
+      ...this.model.fields.map(fieldColouring),
+    ];
     const [colour, select] = choice(
       'Colour ',
       this.colourings.map(({ label }) => label),
@@ -350,7 +376,7 @@ class Viewer {
   showColours() {
     const { picture, colouring } = this;
     const measured = colouring.measure ? colouring.measure(this) : null;
-    picture.setColours(measured && measured.values, measured ? measured.largest : 0);
+    picture.setColours(measured);
     this.showLegend(measured);
   }
 
@@ -366,27 +392,34 @@ class Viewer {
   }
 
   showLegend(measured) {
-    const { label, title } = this.colouring;
-    const state = `${label} ${measured ? measured.largest : ''}`;
+    const title = measured && (measured.title || this.colouring.title);
+    const state = `${this.colouring.label} ${title} ${measured ? measured.largest : ''}`;
     if (this.legend.dataset.state === state) return;
     this.legend.dataset.state = state;
-    if (!measured) {
-      const names = this.model.parts.map(({ name, colour }) => {
+    const heading = element('div', { textContent: title || '' });
+    if (!measured || measured.labels) {
+      const names = measured
+        ? measured.labels.map((name, index) => ({ name, colour: measured.colours[index] }))
+        : this.model.parts;
+      const swatches = names.map(({ name, colour }) => {
         const swatch = element('span', { className: 'swatch' });
         swatch.style.background = colour;
         return element('span', { className: 'part' }, swatch, name);
       });
-      this.legend.replaceChildren(...names);
+      this.legend.replaceChildren(...(measured ? [heading] : []), ...swatches);
       return;
     }
+    const { smallest, largest, isOpen } = measured;
     const scale = element('canvas');
     scale.setAttribute('aria-hidden', 'true');
     paintScale(scale);
-    const end = `${measured.isOpen ? '\u2265 ' : ''}${measured.largest.toFixed(1)}`;
+    const start =
+      smallest === undefined ? '0' : `${isOpen ? '\u2264 ' : ''}${endText(smallest)}`;
+    const end = `${isOpen ? '\u2265 ' : ''}${smallest === undefined ? largest.toFixed(1) : endText(largest)}`;
     this.legend.replaceChildren(
-      element('div', { textContent: title }),
+      heading,
       scale,
-      element('div', { className: 'ends' }, element('span', { textContent: '0' }), end),
+      element('div', { className: 'ends' }, element('span', { textContent: start }), end),
     );
   }
 

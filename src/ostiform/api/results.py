@@ -8,8 +8,15 @@ from pathlib import Path
 from ostiform.correspondence import KINDS, Correspondence, Kind, Warp
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import Evaluation, read_evaluation
-from ostiform.model import ShapeModel, StoredModel, read_correspondence, read_model, read_warp
-from ostiform.pipeline import Event, OnEvent, Stage, Summary, build_study
+from ostiform.model import (
+    ShapeModel,
+    StoredModel,
+    SurfaceField,
+    read_correspondence,
+    read_model,
+    read_warp,
+)
+from ostiform.pipeline import Event, OnEvent, Stage, Store, Summary, build_study, read_fields
 from ostiform.study import ShapeId, Study
 
 
@@ -52,6 +59,11 @@ class Results:
     def evaluation(self) -> Evaluation:
         """The evidence about the optimal model."""
         return self.evaluated()
+
+    @property
+    def fields(self) -> tuple[SurfaceField, ...]:
+        """The fields of the study at the corresponding points of every shape."""
+        return read_fields(Store(self.folder))
 
     @property
     def left_out(self) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""``ostiform compare`` and ``ostiform regress``: shape against groups and covariates."""
+"""``ostiform compare`` and ``ostiform regress``: shape or a field against groups and covariates."""
 
 from __future__ import annotations
 
@@ -44,6 +44,9 @@ class Testing:
     phase: Annotated[
         str | None,
         Parameter(help="The phase that stands for a subject; default its mean over the cycle."),
+    ] = None
+    field: Annotated[
+        str | None, Parameter(help="A field of the surface to test; default shape.")
     ] = None
     movement: Annotated[
         Literal["any", "normal"], Parameter(help="Which movement of a point is tested.")
@@ -99,6 +102,7 @@ def _answer(
             adjusted=tuple(testing.adjust or ()),
             categorical=(*categorical, *(testing.categorical or ())),
             phase=testing.phase,
+            field=testing.field,
             settings=EffectSettings(
                 permutations=testing.permutations,
                 seed=testing.seed,
@@ -106,7 +110,8 @@ def _answer(
                 modes=testing.modes,
             ),
         )
-        folder = testing.output or results / "statistics" / quote(column, safe=" ")
+        name = column if testing.field is None else f"{testing.field} by {column}"
+        folder = testing.output or results / "statistics" / quote(name, safe=" ")
         on_event(pipeline.Progress("test", 0, 1))
         answer = pipeline.shape_question(results, question, folder, testing.sheet)
         on_event(pipeline.Progress("test", 1, 1))
@@ -122,7 +127,7 @@ def _show(common: Common, answer: pipeline.EffectResult) -> int:
     elif not common.quiet:
         whole, points = answer.effect.whole, facts["points"]
         print(
-            f"{answer.effect.covariate.name}: {len(answer.subjects)} subjects, "
+            f"{answer.name}: {len(answer.subjects)} subjects, "
             f"p = {whole.p_value:.4g} ({whole.n_modes} modes, "
             f"{100 * whole.explained:.1f} % of the variance)"
         )

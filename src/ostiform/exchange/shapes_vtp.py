@@ -1,22 +1,28 @@
 """Corresponded shapes as VTP with who, when and what scores as field data."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ostiform.model import CorrespondedShapes, StoredModel
+from ostiform.model import CorrespondedShapes, StoredModel, SurfaceField
 from ostiform.surface import write_surface
 
 
 def write_shape_vtp(
-    path: Path, shapes: CorrespondedShapes, index: int, stored: StoredModel, aligned: bool = False
+    path: Path,
+    shapes: CorrespondedShapes,
+    index: int,
+    stored: StoredModel,
+    aligned: bool = False,
+    fields: Sequence[SurfaceField] = (),
 ) -> None:
     """Write one shape in correspondence with its identity and its scores.
 
     Field data: the texts ``subject`` and ``phase``, ``time`` (fraction of the cycle),
     ``scores_mm`` (K,) where the model knows the shape, ``transform`` (16 numbers by row, input to
-    aligned coordinates) and ``parts`` (names, comma-separated). Point data: ``area_share``, and
-    ``distance_from_mean_mm`` of the aligned point. Cell data: ``part``.
+    aligned coordinates) and ``parts`` (names, comma-separated). Point data: ``area_share``,
+    ``distance_from_mean_mm`` of the aligned point, and the fields. Cell data: ``part``.
 
     Parameters
     ----------
@@ -28,6 +34,8 @@ def write_shape_vtp(
         Of the same shapes and mesh, in any order.
     aligned : bool
         Whether to write the aligned shape; else in its input coordinates.
+    fields : sequence of SurfaceField
+        Of the same shapes.
 
     Raises
     ------
@@ -44,6 +52,7 @@ def write_shape_vtp(
         (shapes.aligned if aligned else shapes.points)[index],
         shapes.mesh.faces,
         point_data={
+            **{field.name: field.values[index] for field in fields},
             "area_share": shapes.weights,
             "distance_from_mean_mm": np.linalg.norm(
                 shapes.aligned[index] - stored.model.mean, axis=1

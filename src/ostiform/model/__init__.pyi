@@ -61,6 +61,10 @@ from .prediction import predict_cycle as predict_cycle
 from .statismo import read_model as read_model
 from .statismo import read_statismo as read_statismo
 from .statismo import write_model as write_model
+from .surface_fields import FieldSummary as FieldSummary
+from .surface_fields import SurfaceField as SurfaceField
+from .surface_fields import field_named as field_named
+from .surface_fields import field_summary as field_summary
 from .template_levels import at_level as at_level
 from .trajectories import Trajectories as Trajectories
 from .trajectories import TrajectorySettings as TrajectorySettings

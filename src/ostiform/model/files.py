@@ -3,6 +3,7 @@
 The layout of ``correspondence.h5`` is a promise to other programs.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ostiform.correspondence import Correspondence
@@ -17,6 +18,7 @@ from ostiform.model.hdf5 import (
     take_template,
     writing,
 )
+from ostiform.model.surface_fields import SurfaceField, field_summary
 from ostiform.model.types import ShapeModel
 from ostiform.surface import write_surface
 
@@ -63,13 +65,14 @@ def read_correspondence(path: Path) -> Correspondence:
         )
 
 
-def write_mean(path: Path, model: ShapeModel) -> None:
-    """Write the mean shape as VTP: parts as cell data, area shares as point data."""
+def write_mean(path: Path, model: ShapeModel, fields: Sequence[SurfaceField] = ()) -> None:
+    """Write the mean shape as VTP: parts as cell data; area shares and fields as point data."""
+    summaries = {n: v for f in fields for n, v in field_summary(f).arrays(f).items()}
     write_surface(
         path,
         model.mean,
         model.mesh.faces,
-        point_data={"area_share": model.weights},
+        point_data={**summaries, "area_share": model.weights},
         cell_data={"part": model.mesh.face_part},
     )
 
@@ -101,13 +104,18 @@ def write_mode(path: Path, model: ShapeModel, mode: int, deviation: float) -> No
     )
 
 
-def write_corresponded_shape(path: Path, correspondence: Correspondence, index: int) -> None:
+def write_corresponded_shape(
+    path: Path, correspondence: Correspondence, index: int, fields: Sequence[SurfaceField] = ()
+) -> None:
     """Write one shape resampled in correspondence as VTP, in its input coordinates."""
     template = correspondence.template
     write_surface(
         path,
         correspondence.points[index],
         template.faces,
-        point_data={"area_share": correspondence.weights},
+        point_data={
+            **{field.name: field.values[index] for field in fields},
+            "area_share": correspondence.weights,
+        },
         cell_data={"part": template.face_part},
     )

@@ -6,6 +6,7 @@ from .adopt_sources import SourceSettings as SourceSettings
 from .build import Stage as Stage
 from .build import Summary as Summary
 from .build import build_study as build_study
+from .carried_fields import read_fields as read_fields
 from .check import ShapeCheck as ShapeCheck
 from .check import check_study as check_study
 from .demonstration import demonstration_study as demonstration_study

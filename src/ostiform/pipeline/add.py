@@ -2,8 +2,8 @@
 
 Artifacts, in a new folder: ``correspondence.h5`` and ``model.h5`` (both also in ``optimal/``),
 ``warps.h5``, ``opened/``, ``shapes/`` and ``embeddings/`` of the new shapes, ``scores.csv``,
-``volumes.csv``, ``clinical.csv``, ``domain.json``, ``correspondence.json``, ``failed.json`` and
-``added.json``.
+``volumes.csv``, ``clinical.csv``, the fields, ``domain.json``, ``correspondence.json``,
+``failed.json`` and ``added.json``.
 """
 
 import shutil
@@ -24,6 +24,7 @@ from ostiform.correspondence import (
 )
 from ostiform.errors import InputError
 from ostiform.evaluation import OriginalMesh, shape_coverage
+from ostiform.execution import Workers
 from ostiform.model import (
     StoredModel,
     analysed,
@@ -34,6 +35,12 @@ from ostiform.model import (
     write_warps,
 )
 from ostiform.pipeline.arrays_file import write_embeddings
+from ostiform.pipeline.carried_fields import (
+    carried_fields,
+    fields_of_all,
+    read_fields,
+    write_fields,
+)
 from ostiform.pipeline.correspond import WARPS
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.events import Note, OnEvent, Progress
@@ -170,6 +177,11 @@ def add_shapes(
         with store.writing(embedding_artifact(slug(shape.id)), key) as path:
             write_embeddings(path, own)
     _write(store, key, finished, correspondence, stored)
+    if known := read_fields(finished.store):
+        mesh = stored.model.mesh
+        with Workers(1) as pool:
+            new = carried_fields(study.settings, entries, placed.points, mesh, pool)
+        write_fields(store, key, correspondence.ids, fields_of_all(known, new, len(ids)))
     warps = side_by_side(read_warps(results / WARPS), placed.warps)
     with store.writing(WARPS, key) as path:
         write_warps(

@@ -12,7 +12,7 @@ from ostiform.pipeline.prepare import prepared_shapes
 from ostiform.pipeline.prepared import read_prepared, shape_artifact
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store
-from ostiform.study import ShapeEntry, ShapeId, Study, part_facts, read_study
+from ostiform.study import ShapeEntry, ShapeId, Study, other_arrays, part_facts, read_study
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,8 @@ class ShapeCheck:
         Why the shape cannot be used.
     is_excluded : bool
         Whether the sheet leaves it out; it was not read then.
+    arrays : tuple of str
+        What its files hold on the surface that no field of the study names.
     """
 
     id: ShapeId
@@ -65,6 +67,7 @@ class ShapeCheck:
     repairs: tuple[str, ...]
     problem: str | None
     is_excluded: bool = False
+    arrays: tuple[str, ...] = ()
 
 
 def check_study(
@@ -112,9 +115,10 @@ class _CheckTask:
 
 
 def _check(task: _CheckTask) -> ShapeCheck:
+    arrays = other_arrays(task.study.settings, task.entry)
     if task.name is None:
         rows = _rows_of_files(task.study, task.entry)
-        return ShapeCheck(task.entry.id, rows, (), task.problem)
+        return ShapeCheck(task.entry.id, rows, (), task.problem, arrays=arrays)
     prepared = read_prepared(task.store.path(shape_artifact(task.name)))
     rows = tuple(
         PartRow(
@@ -129,7 +133,8 @@ def _check(task: _CheckTask) -> ShapeCheck:
         )
         for part, surface in prepared.shape.parts.items()
     )
-    return ShapeCheck(task.entry.id, rows, (*prepared.shape.repairs, *prepared.repairs), None)
+    repairs = (*prepared.shape.repairs, *prepared.repairs)
+    return ShapeCheck(task.entry.id, rows, repairs, None, arrays=arrays)
 
 
 def _rows_of_files(study: Study, entry: ShapeEntry) -> tuple[PartRow, ...]:

@@ -27,8 +27,9 @@ from ostiform.model import (
     write_mode,
     write_model,
 )
+from ostiform.pipeline.carried_fields import Fields, field_tables, read_fields
 from ostiform.pipeline.results import result_files
-from ostiform.pipeline.store import slug
+from ostiform.pipeline.store import Store, slug
 
 ExportFormat = Literal["statismo", "vtp", "gltf", "csv", "particles"]
 FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
@@ -42,6 +43,7 @@ class _Export:
     output: Path
     n_modes: int
     shapes_path: Path
+    fields: Fields
 
     def needed_shapes(self, what: str) -> CorrespondedShapes:
         if self.shapes is None:
@@ -62,9 +64,9 @@ def export_results(
 
     ``statismo``: ``model.h5``, for statismo and scalismo. ``vtp``: the mean, the modes and every
     shape in correspondence with its scores. ``gltf``: ``modes.glb``, and ``cycle.glb`` where
-    subjects have phases. ``csv``: ``scores.csv``, ``volumes.csv``, ``clinical.csv``.
-    ``particles``: local and world particles, the meshes, and ``project.swproj`` and
-    ``project.xlsx`` for ShapeWorks.
+    subjects have phases. ``csv``: ``scores.csv``, ``volumes.csv``, ``clinical.csv``,
+    ``fields/NAME.csv``. ``particles``: local and world particles, the meshes, and
+    ``project.swproj`` and ``project.xlsx`` for ShapeWorks.
 
     Parameters
     ----------
@@ -105,7 +107,8 @@ def export_results(
         if results.is_dir() and shapes_path.is_file()
         else None
     )
-    export = _Export(read_model(model_path), shapes, output, n_modes, shapes_path)
+    fields = () if shapes is None else read_fields(Store(results))
+    export = _Export(read_model(model_path), shapes, output, n_modes, shapes_path, fields)
     written: list[Path] = []
     for name in dict.fromkeys(_possible(export) if formats is None else formats):
         written += WRITERS[name](export)
@@ -131,7 +134,7 @@ def _statismo(export: _Export) -> list[Path]:
 def _vtp(export: _Export) -> list[Path]:
     model = export.stored.model
     paths = [export.output / "meshes" / "mean.vtp"]
-    write_mean(paths[0], model)
+    write_mean(paths[0], model, export.fields)
     for mode in range(min(export.n_modes, len(model.modes))):
         for deviation in DEVIATIONS:
             paths.append(export.output / "meshes" / f"mode{mode + 1}_{deviation:+.0f}sd.vtp")
@@ -139,7 +142,7 @@ def _vtp(export: _Export) -> list[Path]:
     if export.shapes is not None:
         for index, id in enumerate(export.shapes.ids):
             paths.append(export.output / "shapes" / f"{slug(id)}.vtp")
-            write_shape_vtp(paths[-1], export.shapes, index, export.stored)
+            write_shape_vtp(paths[-1], export.shapes, index, export.stored, fields=export.fields)
     return paths
 
 
@@ -159,6 +162,8 @@ def _csv(export: _Export) -> list[Path]:
         for name, write in result_files(export.stored, export.shapes).items()
         if name.endswith(".csv")
     }
+    if export.shapes is not None:
+        files |= field_tables(export.shapes.ids, export.fields)
     for name, write in files.items():
         write(export.output / name)
     return [export.output / name for name in files]

@@ -29,6 +29,7 @@ from ostiform.study import (
     named_population,
     opened_shape,
     shape_survey,
+    surface_fields,
 )
 from ostiform.surface import split_ostium_name
 
@@ -184,6 +185,8 @@ def _ingested(task: _IngestTask) -> tuple[Ready, ShapeSurvey]:
         opened = opened_shape(task.study, task.entry)
         with task.store.writing(artifact, key) as path:
             save(path, opened)
+    if task.study.settings.fields:
+        surface_fields(task.study.settings, task.entry)  # what it lacks is told before all else
     return Ready(task.entry.id, name, key), shape_survey(opened)
 
 

@@ -3,8 +3,9 @@
 Artifacts: ``KIND/model.h5``; of the optimal model ``model.h5``, ``scores.csv``, ``volumes.csv``,
 ``clinical.csv`` and VTP surfaces in ``meshes/`` (the mean, the first modes at -3, -2, 2 and 3
 standard deviations, every shape in correspondence); ``dynamics.h5`` and ``dynamics.json``;
-``intervals.json`` (how sure the variances are), ``left-out.bin`` (where on the surface the model
-errs), ``maps.bin`` and ``paper-chain.bin`` (the maps), ``covariates.csv``.
+``fields.bin`` and ``fields/`` (see `pipeline.carried_fields`); ``intervals.json`` (how sure the
+variances are), ``left-out.bin`` (where on the surface the model errs), ``maps.bin`` and
+``paper-chain.bin`` (the maps), ``covariates.csv``.
 """
 
 from collections.abc import Mapping
@@ -22,12 +23,22 @@ from ostiform.model import (
     StoredModel,
     analysed,
     corresponded_shapes,
+    mesh_of_template,
     read_correspondence,
     read_model,
     write_corresponded_shape,
     write_mean,
     write_mode,
     write_model,
+)
+from ostiform.pipeline.carried_fields import (
+    FIELDS,
+    Fields,
+    carried_fields,
+    field_tables,
+    fields_key,
+    read_fields,
+    write_fields,
 )
 from ostiform.pipeline.correspond import Corresponded
 from ostiform.pipeline.covariates import write_covariates
@@ -60,11 +71,10 @@ def model_shapes(
     if not store.is_current("model.h5", key):
         copy_artifact(store, "optimal/model.h5", "model.h5", key)
     stored, optimal = models["optimal"], _correspondence(store, "optimal")
-    write_missing(
-        store,
-        key,
-        result_files(stored, corresponded_shapes(optimal)) | _mesh_files(stored.model, optimal),
-    )
+    write_missing(store, key, result_files(stored, corresponded_shapes(optimal)))
+    fields = _fields(run, embedded, optimal, corresponded.key)
+    own = fields_key(run.study.settings, key) if fields else key
+    write_missing(store, own, _mesh_files(stored.model, optimal, fields))
     write_dynamics(store, corresponded.key, stored, run.study.settings)
     run.on_event(Progress("model", len(KINDS) + 1, total))
     _write_intervals(store, key, models)
@@ -90,9 +100,28 @@ def _model(store: Store, kind: Kind, key: str) -> StoredModel:
     return known
 
 
-def _mesh_files(model: ShapeModel, correspondence: Correspondence) -> dict[str, Writer]:
+def _fields(run: Run, embedded: Embedded, optimal: Correspondence, key: str) -> Fields:
+    """Carry the fields of the study to the corresponding points, and write them."""
+    settings, store = run.study.settings, run.store
+    own = fields_key(settings, key)
+    known = store.read_current(FIELDS, own, lambda _: read_fields(store))
+    if known is not None and all(
+        store.is_current(name, own) for name in field_tables(optimal.ids, known)
+    ):
+        return known
+    by_name = {slug(entry.id): entry for entry in run.study.entries}
+    entries = [by_name[shape.name] for shape in embedded.ready]
+    mesh = mesh_of_template(optimal.template)
+    fields = carried_fields(settings, entries, optimal.points, mesh, run.workers)
+    write_fields(store, own, optimal.ids, fields)
+    return fields
+
+
+def _mesh_files(
+    model: ShapeModel, correspondence: Correspondence, fields: Fields
+) -> dict[str, Writer]:
     return {
-        "meshes/mean.vtp": partial(write_mean, model=model),
+        "meshes/mean.vtp": partial(write_mean, model=model, fields=fields),
         **{
             f"meshes/mode{mode + 1}_{deviation:+.0f}sd.vtp": partial(
                 write_mode, model=model, mode=mode, deviation=deviation
@@ -102,7 +131,7 @@ def _mesh_files(model: ShapeModel, correspondence: Correspondence) -> dict[str, 
         },
         **{
             f"meshes/shapes/{slug(shape)}.vtp": partial(
-                write_corresponded_shape, correspondence=correspondence, index=index
+                write_corresponded_shape, correspondence=correspondence, index=index, fields=fields
             )
             for index, shape in enumerate(correspondence.ids)
         },

@@ -34,6 +34,7 @@ from ostiform.execution import Executor, Workers
 from ostiform.model import read_correspondence, read_model
 from ostiform.pipeline.animations import write_animations
 from ostiform.pipeline.build import Summary, build_study
+from ostiform.pipeline.carried_fields import read_fields
 from ostiform.pipeline.dynamics import read_dynamics
 from ostiform.pipeline.events import Note, OnEvent, Progress
 from ostiform.pipeline.folder import locked
@@ -75,6 +76,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "vtk", "libigl", "h5py", "matplotlib")
 RESULTS = {
     "model.h5": "the optimal model (statismo layout): mean, modes, variances, mesh",
     "correspondence.h5": "every shape in correspondence",
+    "fields": "the fields of the surface at the corresponding points, one table each",
     "meshes": "mean, modes and all shapes as VTP surfaces",
     "scores.csv": "scores of every shape (mm)",
     "volumes.csv": "volumes of every shape (ml)",
@@ -207,7 +209,7 @@ def _page(store: Store, record: RunRecord) -> Page:
             evaluations, len(record.shapes), record.entries, sum(record.seconds.values())
         ),
         sections=(
-            viewer_section(stored, dynamic, residues),
+            viewer_section(stored, dynamic, residues, read_fields(store)),
             modes_section(stored.model, dynamic),
             evidence_section(evaluations, comparisons, gains, errors),
             quality_section(

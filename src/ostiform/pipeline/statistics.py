@@ -1,12 +1,13 @@
 """Group differences and regressions of a finished model, with maps and a page of their own.
 
-Files of a test: ``summary.json``, ``points.csv``, ``effect.vtp``, the fitted shapes
-``fitted_VALUE.vtp``, ``report.html`` and its figures in ``figures/``.
+What is tested is shape, or a field of the surface. Files of a test: ``summary.json``,
+``points.csv``, ``effect.vtp``, the fitted shapes ``fitted_VALUE.vtp``, ``report.html`` and its
+figures in ``figures/``.
 """
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import factorial, prod
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,26 @@ from urllib.parse import quote
 import numpy as np
 
 from ostiform import __version__
+from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
-from ostiform.model import ShapeModel, StoredModel, read_model
+from ostiform.model import ShapeModel, field_named, read_model
+from ostiform.pipeline.carried_fields import read_fields
 from ostiform.pipeline.covariates import read_covariates
+from ostiform.pipeline.store import Store
 from ostiform.report import FOUND_LEVEL, draw_picture, effect_page, render_page, save_drawing
 from ostiform.statistics import (
     Covariate,
     EffectSettings,
+    FieldEffect,
     ShapeEffect,
+    SubjectField,
+    SubjectShapes,
     complete_subjects,
     covariate_of,
+    field_effect,
     shape_effect,
+    subject_field,
     subject_shapes,
     subject_values,
 )
@@ -53,16 +62,24 @@ class Question:
     phase : str or None
         The phase that stands for a subject; its mean over the cycle if None.
     settings : EffectSettings
+    field : str or None
+        The field of the surface that is tested; shape if None.
     """
 
     covariate: str
     adjusted: tuple[str, ...] = ()
     categorical: tuple[str, ...] = ()
     phase: str | None = None
-    settings: EffectSettings = field(default_factory=EffectSettings)
+    settings: EffectSettings = EffectSettings()
+    field: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the columns."""
+        """Check the columns, and what is tested."""
+        if self.field is not None and self.settings.movement != "any":
+            raise InputError(
+                f"a test of the field {self.field}: expected no movement, found "
+                f"{self.settings.movement}: a field has no direction"
+            )
         named = (self.covariate, *self.adjusted)
         if len(set(named)) < len(named):
             raise InputError(
@@ -76,7 +93,7 @@ class EffectResult:
 
     Attributes
     ----------
-    effect : ShapeEffect
+    effect : ShapeEffect or FieldEffect
     subjects : tuple of str
         Those used.
     left_out : dict of str to str
@@ -87,12 +104,18 @@ class EffectResult:
     folder : Path
     """
 
-    effect: ShapeEffect
+    effect: ShapeEffect | FieldEffect
     subjects: tuple[str, ...]
     left_out: dict[str, str]
     what: str
     warnings: tuple[str, ...]
     folder: Path
+
+    @property
+    def name(self) -> str:
+        """What was asked: the covariate, or a field by it."""
+        named = self.effect.covariate.name
+        return named if isinstance(self.effect, ShapeEffect) else f"{self.effect.name} by {named}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer as plain values."""
@@ -111,6 +134,7 @@ class EffectResult:
             "subjects": list(self.subjects),
             "left_out": self.left_out,
             "stands_for_a_subject": self.what,
+            **({} if isinstance(effect, ShapeEffect) else {"field": effect.name}),
             "whole_shape": {
                 "t2": whole.statistic,
                 "p_value": whole.p_value,
@@ -127,25 +151,34 @@ class EffectResult:
                 "found_family_0.05": int((points.family_p_value <= FOUND_LEVEL).sum()),
                 "smallest_q": float(points.q_value.min()),
             },
-            "effects": [
-                {
-                    "name": name,
-                    "largest_mm": float(np.linalg.norm(coefficient, axis=1).max()),
-                    "outward_mm": [float(normal.min()), float(normal.max())],
-                }
-                for name, coefficient, normal in zip(
-                    effect.design.names, effect.coefficients, effect.normal_coefficients,
-                    strict=True,
-                )
-            ],
+            "effects": _effects(effect),
             "warnings": list(self.warnings),
         }  # fmt: skip
+
+
+def _effects(effect: ShapeEffect | FieldEffect) -> list[dict[str, Any]]:
+    """Return how large the effect of every column of the design is."""
+    if isinstance(effect, FieldEffect):
+        return [
+            {"name": name, "units": effect.units, "change": [float(c.min()), float(c.max())]}
+            for name, c in zip(effect.design.names, effect.coefficients, strict=True)
+        ]
+    return [
+        {
+            "name": name,
+            "largest_mm": float(np.linalg.norm(coefficient, axis=1).max()),
+            "outward_mm": [float(normal.min()), float(normal.max())],
+        }
+        for name, coefficient, normal in zip(
+            effect.design.names, effect.coefficients, effect.normal_coefficients, strict=True
+        )
+    ]
 
 
 def shape_question(
     results: Path, question: Question, folder: Path, sheet: Path | None = None
 ) -> EffectResult:
-    """Test whether and where shape depends on a column of the sheet, and write the answer.
+    """Test whether and where shape, or a field, depends on a column of the sheet.
 
     Parameters
     ----------
@@ -153,23 +186,28 @@ def shape_question(
         A folder of results.
     question : Question
     folder : Path
-        For the files; made if missing.
+        For the files of the answer; made if missing.
     sheet : Path, optional
         Instead of the columns kept with the results (see `read_covariates`).
 
     Raises
     ------
     InputError
-        If a column is missing or cannot be used, or there are too few subjects.
+        If a column or field is missing or cannot be used, or there are too few subjects.
     ArtifactError
         If the results hold no model or no columns, or a file cannot be written.
     """
     stored = read_model(results / "model.h5")
-    shapes = subject_shapes(stored, question.phase)
+    units: SubjectShapes | SubjectField
+    if question.field is None:
+        units = subject_shapes(stored, question.phase)
+    else:
+        field = field_named(read_fields(Store(results)), question.field)
+        units = subject_field(stored.ids, field, question.phase)
     rows = read_covariates(results, sheet, stored, question.phase)
     names = (question.covariate, *question.adjusted)
     columns = {name: subject_values(rows, name) for name in names}
-    subjects, left_out = complete_subjects(shapes.subjects, columns)
+    subjects, left_out = complete_subjects(units.subjects, columns)
     covariates = [
         covariate_of(
             name,
@@ -178,18 +216,29 @@ def shape_question(
         )
         for name in names
     ]
-    effect = shape_effect(
-        stored.model, shapes.chosen(subjects), covariates[0], covariates[1:], question.settings
-    )
-    result = EffectResult(
-        effect, tuple(subjects), left_out, shapes.what, _warnings(effect, left_out), folder
-    )
-    _write(result, stored, question)
+    chosen, tested = units.chosen(subjects), (*covariates[1:],)
+    model, settings = stored.model, question.settings
+    effect: ShapeEffect | FieldEffect
+    if isinstance(chosen, SubjectShapes):
+        effect = shape_effect(model, chosen, covariates[0], tested, settings)
+    else:
+        effect = field_effect(chosen, model.weights, covariates[0], tested, settings)
+        known = {id.subject for id in stored.ids}
+        left_out |= {s: f"no value of {chosen.name}" for s in known - {*units.subjects}}
+    warnings = _warnings(effect, left_out, len(model.mean))
+    result = EffectResult(effect, tuple(subjects), left_out, units.what, warnings, folder)
+    _write(result, stored.model, question)
     return result
 
 
-def _warnings(effect: ShapeEffect, left_out: dict[str, str]) -> tuple[str, ...]:
+def _warnings(
+    effect: ShapeEffect | FieldEffect, left_out: dict[str, str], n_points: int
+) -> tuple[str, ...]:
     warnings = [f"subject {name} left out: {reason}" for name, reason in left_out.items()]
+    if n_untested := n_points - len(effect.points.q_value):
+        warnings.append(
+            f"{n_untested} of {n_points} points not tested: some subject has no value there"
+        )
     fewest = smallest_p_value(effect.covariate)
     if not effect.design.adjusted and fewest > FOUND_LEVEL:
         warnings.append(
@@ -206,32 +255,36 @@ def smallest_p_value(covariate: Covariate) -> float:
     return 1.0 / ways
 
 
-def _write(result: EffectResult, stored: StoredModel, question: Question) -> None:
-    folder, effect, model = result.folder, result.effect, stored.model
-    write_surface(
-        folder / "effect.vtp",
-        effect.shape_mean,
-        model.mesh.faces,
-        point_data={
-            **_per_column("effect_mm", effect, effect.coefficients),
-            **_per_column("outward_mm", effect, effect.normal_coefficients),
-            "t2": effect.points.statistic,
-            "p": effect.points.p_value,
-            "q": effect.points.q_value,
-            "p_family": effect.points.family_p_value,
-        },
-        cell_data={"part": model.mesh.face_part},
-    )
+def _write(result: EffectResult, model: ShapeModel, question: Question) -> None:
+    folder, effect = result.folder, result.effect
+    points, n_points = effect.points, len(model.mean)
+    tests = {
+        "t2": points.statistic,
+        "p": points.p_value,
+        "q": points.q_value,
+        "p_family": points.family_p_value,
+    }
+    if isinstance(effect, ShapeEffect):
+        surface = effect.shape_mean
+        sizes = _per_column("effect_mm", effect, np.linalg.norm(effect.coefficients, axis=2))
+        normal = _per_column("outward_mm", effect, effect.normal_coefficients)
+        arrays = _per_column("effect_mm", effect, effect.coefficients) | normal | tests
+        columns = sizes | normal | tests
+    else:
+        surface = model.mean
+        found = _per_column("effect", effect, effect.coefficients) | tests
+        arrays = {name: effect.everywhere(values, n_points) for name, values in found.items()}
+        columns = arrays
+    _write_mesh(folder / "effect.vtp", model, surface, arrays)
     for name, value in _fitted_values(effect.covariate).items():
-        shape = effect.shape_at(value)
-        write_surface(
-            folder / f"fitted_{quote(name, safe=' ')}.vtp",
-            shape,
-            model.mesh.faces,
-            point_data={"displacement_mm": shape - effect.shape_mean},
-            cell_data={"part": model.mesh.face_part},
-        )
-    _write_points(folder / "points.csv", effect, model)
+        path = folder / f"fitted_{quote(name, safe=' ')}.vtp"
+        if isinstance(effect, ShapeEffect):
+            shape = effect.shape_at(value)
+            _write_mesh(path, model, shape, {"displacement_mm": shape - effect.shape_mean})
+        else:
+            fitted = effect.everywhere(effect.values_at(value), n_points)
+            _write_mesh(path, model, model.mean, {effect.name: fitted})
+    _write_points(folder / "points.csv", model, surface, columns)
     page = effect_page(model, effect, _subtitle(result), _notes(result, question), result.warnings)
     drawings = {}
     for section in page.sections:
@@ -243,7 +296,9 @@ def _write(result: EffectResult, stored: StoredModel, question: Question) -> Non
     _write_text(folder / "summary.json", facts + "\n")
 
 
-def _per_column(name: str, effect: ShapeEffect, values: np.ndarray) -> dict[str, np.ndarray]:
+def _per_column(
+    name: str, effect: ShapeEffect | FieldEffect, values: FloatArray
+) -> dict[str, FloatArray]:
     if len(values) == 1:
         return {name: values[0]}
     return {
@@ -258,24 +313,19 @@ def _fitted_values(covariate: Covariate) -> dict[str, float | str]:
     return {f"{value:.4g}": float(value) for value in (low, high)}
 
 
-def _write_points(path: Path, effect: ShapeEffect, model: ShapeModel) -> None:
-    points = effect.points
-    normal = _per_column("outward_mm", effect, effect.normal_coefficients)
-    size = _per_column("effect_mm", effect, np.linalg.norm(effect.coefficients, axis=2))
-    header = ["point", "part", "x_mm", "y_mm", "z_mm", *size, *normal, "t2", "p", "q", "p_family"]
-    numbers = np.column_stack(
-        [
-            effect.shape_mean,
-            *size.values(),
-            *normal.values(),
-            points.statistic,
-            points.p_value,
-            points.q_value,
-            points.family_p_value,
-        ]
-    )
+def _write_mesh(
+    path: Path, model: ShapeModel, shape: FloatArray, arrays: dict[str, FloatArray]
+) -> None:
+    write_surface(path, shape, model.mesh.faces, arrays, {"part": model.mesh.face_part})
+
+
+def _write_points(
+    path: Path, model: ShapeModel, surface: FloatArray, columns: dict[str, FloatArray]
+) -> None:
+    header = ["point", "part", "x_mm", "y_mm", "z_mm", *columns]
+    numbers = np.column_stack([surface, *columns.values()])
     rows = (
-        [number, model.mesh.parts[part], *map(float, row)]
+        [number, model.mesh.parts[part], *(None if np.isnan(v) else float(v) for v in row)]
         for number, (part, row) in enumerate(zip(model.mesh.part, numbers, strict=True))
     )
     write_table(path, header, rows)
@@ -293,7 +343,9 @@ def _subtitle(result: EffectResult) -> str:
 def _notes(result: EffectResult, question: Question) -> Sequence[str]:
     settings, effect = question.settings, result.effect
     tested = (
-        "any movement of a point"
+        f"the value of {effect.name} at a point"
+        if isinstance(effect, FieldEffect)
+        else "any movement of a point"
         if settings.movement == "any"
         else "the movement of a point along the normal"
     )
@@ -302,7 +354,7 @@ def _notes(result: EffectResult, question: Question) -> Sequence[str]:
         f"subjects (seed {settings.seed}"
         + (", of the residuals after adjustment" if effect.design.adjusted else "")
         + "), q-values from the procedure of Benjamini and Hochberg.",
-        "Of the points found, at most 5 % are expected to be found wrongly. Points that move "
+        "Of the points found, at most 5 % are expected to be found wrongly. Points that change "
         "together are found together: a patch says where an effect is seen, not where it begins.",
     )
 

@@ -17,6 +17,7 @@ VERSIONS = {
     "adopted": 2,
     "added": 1,
     "model": 1,
+    "fields": 1,
     "left-out points": 1,
     "dynamics": 1,
     "covariates": 1,

@@ -1,4 +1,4 @@
-"""The dependence of shape on a covariate as a surface map, and how sure it is."""
+"""The dependence of shape, or of a field, on a covariate as a surface map, and how sure it is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from ostiform.report.html import Fact, Page, Picture, Section, Table
 from ostiform.report.modes import extents_of, model_views
 from ostiform.report.shading import View, draw_raster, draw_visible_curves, shaded_surface
 from ostiform.report.style import COLOURS, PRINT_DPI, figure, plain_figure, styled
-from ostiform.statistics import ScoreTest, ShapeEffect
+from ostiform.statistics import FieldEffect, ScoreTest, ShapeEffect
 
 PANEL_MM = 36.0
 LABEL_MM = 30.0
@@ -36,7 +36,7 @@ RIM = "#1b2733"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
-    """One map: values (P,), their colours, and which points are shown in full."""
+    """One map: values (P,), NaN where there is none, and which points are shown in full."""
 
     label: str
     values: FloatArray
@@ -50,40 +50,31 @@ class _Row:
         colours = colours[:, :3]
         if self.kept is not None:
             colours[~self.kept] = (1.0 - FADED) * colours[~self.kept] + FADED * GREY
+        colours[np.isnan(self.values)] = GREY
         corners: FloatArray = colours[model.mesh.faces]
         return corners
 
 
-def effect_figure(model: ShapeModel, effect: ShapeEffect, column: int = 0) -> Figure:
-    """Draw where and how far the surface moves, from four sides.
+def effect_figure(model: ShapeModel, effect: ShapeEffect | FieldEffect, column: int = 0) -> Figure:
+    """Draw where and how far the surface moves or its field changes, from four sides.
 
-    The movement along the outward normal and the whole movement, per unit of the covariate, grey
-    where the q-value is above 0.05; below them the q-value.
+    The movement along the outward normal and the whole movement, or the change of the field, per
+    unit of the covariate, grey where the q-value is above 0.05; below them the q-value.
 
     Parameters
     ----------
     model : ShapeModel
-        Gives the mesh.
-    effect : ShapeEffect
+        Gives the mesh, and the surface that a field is drawn on.
+    effect : ShapeEffect or FieldEffect
     column : int
         Of the design: which category against the reference.
     """
     views = _all_round(model)
-    outward = effect.normal_coefficients[column]
-    movement = np.linalg.norm(effect.coefficients[column], axis=1)
-    found = effect.points.q_value <= FOUND_LEVEL
-    q_scale = np.log10(np.clip(effect.points.q_value, SMALLEST_Q, 1.0))
-    reach, most = (
-        max(float(np.abs(values).max()), np.finfo(np.float64).tiny)
-        for values in (outward, movement)
-    )
-    unit = "mm" if effect.covariate.is_categorical else "mm per unit"
-    rows = (
-        _Row(f"outward movement\n({unit})", outward, OUTWARD_MAP, (-reach, reach), found),
-        _Row(f"movement\n({unit})", movement, MOVEMENT_MAP, (0.0, most), found),
-        _Row("q-value", q_scale, Q_MAP, (np.log10(SMALLEST_Q), 0.0), None),
-    )
-    extents = extents_of(views, [effect.shape_mean])
+    if isinstance(effect, ShapeEffect):
+        surface, rows = effect.shape_mean, _movements(effect, column)
+    else:
+        surface, rows = model.mean, _changes(effect, column, len(model.mean))
+    extents = extents_of(views, [surface])
     height = PANEL_MM * float((extents[0, 3] - extents[0, 2]) / (extents[0, 1] - extents[0, 0]))
     size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
     wide, high = PANEL_MM * len(views) + LABEL_MM, height * len(rows) + TITLE_MM
@@ -95,11 +86,9 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect, column: int = 0) -> Fi
             for column, (view, extent) in enumerate(zip(views, extents, strict=True)):
                 box = (column * PANEL_MM / wide, bottom / high, PANEL_MM / wide, height / high)
                 axes = drawing.add_axes(box)
-                picture = shaded_surface(
-                    view, effect.shape_mean, model.mesh.faces, colours, extent, size
-                )
+                picture = shaded_surface(view, surface, model.mesh.faces, colours, extent, size)
                 draw_raster(axes, picture)
-                loops = [effect.shape_mean[loop] for loop in model.mesh.loops.values()]
+                loops = [surface[loop] for loop in model.mesh.loops.values()]
                 draw_visible_curves(axes, picture, view, loops, RIM, 0.6)
                 if number == 0:
                     axes.set_title(view.name, pad=2.0)
@@ -116,6 +105,44 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect, column: int = 0) -> Fi
     return drawing
 
 
+def _movements(effect: ShapeEffect, column: int) -> tuple[_Row, ...]:
+    outward = effect.normal_coefficients[column]
+    movement = np.linalg.norm(effect.coefficients[column], axis=1)
+    found = effect.points.q_value <= FOUND_LEVEL
+    unit = _per_unit("mm", effect)
+    return (
+        _Row(f"outward movement{unit}", outward, OUTWARD_MAP, _either_way(outward), found),
+        _Row(f"movement{unit}", movement, MOVEMENT_MAP, (0.0, _either_way(movement)[1]), found),
+        _q_row(effect.points.q_value),
+    )
+
+
+def _changes(effect: FieldEffect, column: int, n_points: int) -> tuple[_Row, ...]:
+    change, q_value = (
+        effect.everywhere(values, n_points)
+        for values in (effect.coefficients[column], effect.points.q_value)
+    )
+    label = f"change{_per_unit(effect.units, effect)}"
+    found = q_value <= FOUND_LEVEL
+    return _Row(label, change, OUTWARD_MAP, _either_way(change), found), _q_row(q_value)
+
+
+def _either_way(values: FloatArray) -> tuple[float, float]:
+    most = max(float(np.nanmax(np.abs(values))), np.finfo(np.float64).tiny)
+    return -most, most
+
+
+def _per_unit(units: str, effect: ShapeEffect | FieldEffect) -> str:
+    per = "" if effect.covariate.is_categorical else "per unit"
+    text = " ".join(word for word in (units, per) if word)
+    return f"\n({text})" if text else ""
+
+
+def _q_row(q_value: FloatArray) -> _Row:
+    scale = np.log10(np.clip(q_value, SMALLEST_Q, 1.0))
+    return _Row("q-value", scale, Q_MAP, (np.log10(SMALLEST_Q), 0.0), None)
+
+
 def null_figure(test: ScoreTest) -> Figure:
     """Draw the statistic of the whole shape among those of the permutations."""
     with styled():
@@ -130,7 +157,7 @@ def null_figure(test: ScoreTest) -> Figure:
 
 def effect_page(
     model: ShapeModel,
-    effect: ShapeEffect,
+    effect: ShapeEffect | FieldEffect,
     subtitle: str,
     notes: Sequence[str] = (),
     warnings: Sequence[str] = (),
@@ -140,17 +167,27 @@ def effect_page(
     Parameters
     ----------
     model : ShapeModel
-    effect : ShapeEffect
+    effect : ShapeEffect or FieldEffect
     subtitle : str
     notes : sequence of str
         What was tested, one sentence each.
     warnings : sequence of str
     """
     whole, points = effect.whole, effect.points
-    q_share = float((points.q_value <= FOUND_LEVEL) @ model.weights)
-    family_share = float((points.family_p_value <= FOUND_LEVEL) @ model.weights)
+    if isinstance(effect, ShapeEffect):
+        subject, weights, changes = "shape", model.weights, effect.normal_coefficients
+        maps = "movement along the outward normal, whole movement (both"
+        change, units = "movement along the normal", "mm"
+    else:
+        subject, weights = f"field {effect.name}", model.weights[effect.tested]
+        changes, maps = effect.coefficients, f"change of {effect.name} ("
+        change, units = f"change of {effect.name}", effect.units
+    q_share, family_share = (
+        float((values <= FOUND_LEVEL) @ weights / weights.sum())
+        for values in (points.q_value, points.family_p_value)
+    )
     facts = (
-        Fact("whole shape, p", _p_text(whole.p_value), note=f"{len(whole.null)} permutations"),
+        Fact(f"whole {subject}, p", _p_text(whole.p_value), note=f"{len(whole.null)} permutations"),
         Fact("of the variance explained", f"{100 * whole.explained:.1f} %"),
         Fact("of the surface found", f"{100 * q_share:.0f} %", note="q at most 0.05"),
         Fact("of the surface found", f"{100 * family_share:.0f} %", note="max-T p at most 0.05"),
@@ -159,11 +196,9 @@ def effect_page(
         Picture(
             f"effect{column + 1}" if len(effect.design.names) > 1 else "effect",
             effect_figure(model, effect, column),
-            f"{name}. From above: movement along the outward normal, whole movement (both grey "
-            "where q is above 0.05), q-value of every point.",
-            f"Surface map of the effect of {name}: the movement along the normal is between "
-            f"{effect.normal_coefficients[column].min():.2f} and "
-            f"{effect.normal_coefficients[column].max():.2f} mm per unit.",
+            f"{name}. From above: {maps} grey where q is above 0.05), q-value of every point.",
+            f"Surface map of the effect of {name}: the {change} is between "
+            f"{changes[column].min():.2f} and {changes[column].max():.2f} {units} per unit.",
             is_vector=False,
         )
         for column, name in enumerate(effect.design.names)
@@ -171,26 +206,27 @@ def effect_page(
     null = Picture(
         "null",
         null_figure(whole),
-        "The statistic of the whole shape (line) among those of permuted subjects.",
+        f"The statistic of the whole {subject} (line) among those of permuted subjects.",
         f"Histogram of {len(whole.null)} permuted statistics; the one of the data is "
         f"{whole.statistic:.3g}, p {_p_text(whole.p_value)}.",
     )
+    they = "the shapes differ" if subject == "shape" else f"the {subject} differs"
     return Page(
-        title=f"Shape and {effect.covariate.name}",
+        title=f"{subject[:1].upper()}{subject[1:]} and {effect.covariate.name}",
         subtitle=subtitle,
         facts=facts,
         sections=(
-            Section("where", "Where the shapes differ", tuple(notes), tuple(pictures)),
-            Section("whether", "Whether they differ", (), (null,), (_table(effect),)),
+            Section("where", f"Where {they}", tuple(notes), tuple(pictures)),
+            Section("whether", f"Whether {they}", (), (null,), (_table(effect, subject),)),
         ),
         warnings=tuple(warnings),
     )
 
 
-def _table(effect: ShapeEffect) -> Table:
+def _table(effect: ShapeEffect | FieldEffect, subject: str) -> Table:
     whole = effect.whole
     return Table(
-        "The test of the whole shape.",
+        f"The test of the whole {subject}.",
         ("quantity", "value"),
         (
             ("T²", f"{whole.statistic:.4g}"),

@@ -34,6 +34,9 @@ from ostiform.surface import Surface
 COLOUR_MAP: Final = matplotlib.colormaps["viridis"]
 """Readable with any colour vision, and in grey (van der Walt and Smith 2015)."""
 
+WITHOUT = 0.86
+"""Grey of points without a value."""
+
 CODED_AMBIENT = 0.75
 """Little shade where the colour says a number."""
 
@@ -55,14 +58,18 @@ class PointColumn:
     Attributes
     ----------
     title : str
-    values : (P,) float64, mm
-    largest : float, mm
-        Upper end of the scale.
+    values : (P,) float64
+        In `units`; NaN where there is none, which is drawn grey.
+    largest, smallest : float
+        Ends of the scale.
+    units : str
     """
 
     title: str
     values: FloatArray
     largest: float
+    smallest: float = 0.0
+    units: str = "mm"
 
 
 def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
@@ -84,7 +91,7 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
         )
         grid = grid_of_panels(drawing, 2, len(columns), PANEL_MM, height, TITLE_MM, GAP_MM, BAR_MM)
         for index, column in enumerate(columns):
-            colours = _coloured(model, column.values, column.largest)
+            colours = _coloured(model, column.values, column.largest, column.smallest)
             for row, view in enumerate(views):
                 axes = grid[row][index]
                 picture = shaded_surface(
@@ -101,7 +108,8 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
                 if index == 0 and row == 1:
                     draw_scale_bar(axes, extents[row])
             grid[0][index].set_title(column.title, pad=2.0, fontsize=8)
-            _scale(drawing, index, len(columns), column.largest, "mm")
+            ends = column.smallest, column.largest
+            _scale(drawing, index, len(columns), ends, column.units)
     return drawing
 
 
@@ -154,7 +162,7 @@ def shapes_figure(
                     draw_scale_bar(axes, extent)
             grid[0][index].set_title(_broken(title), pad=2.0, fontsize=7)
         if errors is not None:
-            _scale(drawing, 0, len(titles), largest, "mm, left-out error")
+            _scale(drawing, 0, len(titles), (0.0, largest), "mm, left-out error")
     return drawing
 
 
@@ -218,21 +226,25 @@ def _size(height_mm: float) -> tuple[int, int]:
     return round(PANEL_MM / 25.4 * PRINT_DPI), round(height_mm / 25.4 * PRINT_DPI)
 
 
-def _coloured(model: ShapeModel, values: FloatArray, largest: float) -> FloatArray:
+def _coloured(
+    model: ShapeModel, values: FloatArray, largest: float, smallest: float = 0.0
+) -> FloatArray:
     """Red, green, blue (F, 3, 3) of the corners of the triangles."""
-    share = values[model.mesh.faces] / max(largest, np.finfo(np.float64).tiny)
-    colours: FloatArray = COLOUR_MAP(np.clip(share, 0.0, 1.0))[..., :3]
-    return colours
+    share = (values - smallest) / max(largest - smallest, np.finfo(np.float64).tiny)
+    colours: FloatArray = COLOUR_MAP(np.clip(share, 0.0, 1.0))[:, :3]
+    colours[np.isnan(values)] = WITHOUT
+    corners: FloatArray = colours[model.mesh.faces]
+    return corners
 
 
-def _scale(drawing: Figure, index: int, count: int, largest: float, label: str) -> None:
+def _scale(drawing: Figure, index: int, count: int, ends: tuple[float, float], label: str) -> None:
     """A colour bar below a column of the grid."""
     width, height = drawing.get_size_inches() * 25.4
     cell = width / count
     axes = drawing.add_axes(
         ((index * cell + 0.15 * cell) / width, 7.0 / height, 0.7 * cell / width, 2.0 / height)
     )
-    mappable = matplotlib.cm.ScalarMappable(Normalize(0.0, largest), COLOUR_MAP)
+    mappable = matplotlib.cm.ScalarMappable(Normalize(*ends), COLOUR_MAP)
     bar = drawing.colorbar(mappable, cax=axes, orientation="horizontal")
     bar.ax.tick_params(labelsize=6, length=2.0, pad=1.0)
     bar.outline.set_linewidth(0.4)  # type: ignore[operator]

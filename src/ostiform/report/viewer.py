@@ -7,6 +7,7 @@ coefficients: the modes between subjects and of the motion, the cycles, the trai
 
 import base64
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from ostiform.model import (
     DynamicModel,
     ShapeModel,
     StoredModel,
+    SurfaceField,
+    field_summary,
     mean_cycle,
     project,
     resampled_cycle,
@@ -44,9 +47,23 @@ MOST_SHAPES = 200
 
 ERROR_QUANTILE = 0.99
 
+FIELD_QUANTILES = (0.01, 0.99)
+"""Of all values of a field: the ends of its scale."""
+
+FIELDS_IN_A_ROW = 4
+
+FIELD_BUDGET = 2_000_000
+"""Characters of the page that the fields of training shapes may take."""
+
+MISSING = -32768
+"""The 16-bit integer of a point without a value."""
+
 
 def viewer_section(
-    stored: StoredModel, dynamic: DynamicModel | None, residues: PointResidues | None
+    stored: StoredModel,
+    dynamic: DynamicModel | None,
+    residues: PointResidues | None,
+    fields: Sequence[SurfaceField] = (),
 ) -> Section:
     """Return the section with the interactive viewer.
 
@@ -57,6 +74,8 @@ def viewer_section(
         Of the same shapes; None where no subject has several phases.
     residues : PointResidues or None
         Of the same shapes, where some could be left out.
+    fields : sequence of SurfaceField
+        Of the same shapes.
     """
     cycles = "" if dynamic is None else " Play the cycle of the mean or of one subject."
     return Section(
@@ -66,8 +85,8 @@ def viewer_section(
             "Drag to turn, scroll to zoom; with the keyboard: arrow keys, + and -, 0 for the first "
             f"view. Move the sliders to combine modes.{cycles}",
         ),
-        (_points_picture(stored.model, dynamic, residues),),
-        viewer=viewer_data(stored, dynamic, residues),
+        (_points_picture(stored.model, dynamic, residues), *_field_pictures(stored.model, fields)),
+        viewer=viewer_data(stored, dynamic, residues, fields),
         fallback="modes",
     )
 
@@ -104,6 +123,26 @@ def _points_picture(
     )
 
 
+def _field_pictures(model: ShapeModel, fields: Sequence[SurfaceField]) -> tuple[Picture, ...]:
+    columns = []
+    for field in fields:
+        middle = field_summary(field).middle
+        if not field.is_label and not np.isnan(middle).all():
+            low, high = (float(end) for end in np.nanquantile(middle, FIELD_QUANTILES))
+            columns.append(PointColumn(field.name, middle, high, low, field.units))
+    return tuple(
+        Picture(
+            f"fields{number or ''}",
+            points_figure(model, columns[first : first + FIELDS_IN_A_ROW]),
+            "The mean shape from two sides, coloured by the mean of its fields over the shapes "
+            "that have a value, from the 1st to the 99th percentile; grey where none has.",
+            "The mean shape in two rows, one column for each field of the surface.",
+            is_vector=False,
+        )
+        for number, first in enumerate(range(0, len(columns), FIELDS_IN_A_ROW))
+    )
+
+
 def point_spread(model: ShapeModel) -> FloatArray:
     """Return the standard deviation (P,) in mm of every point, from all modes of a model."""
     spread: FloatArray = np.sqrt(np.einsum("k,kpd->p", model.variances, model.modes**2))
@@ -111,7 +150,10 @@ def point_spread(model: ShapeModel) -> FloatArray:
 
 
 def viewer_data(
-    stored: StoredModel, dynamic: DynamicModel | None, residues: PointResidues | None
+    stored: StoredModel,
+    dynamic: DynamicModel | None,
+    residues: PointResidues | None,
+    fields: Sequence[SurfaceField] = (),
 ) -> str:
     """Return what the viewer shows, as JSON.
 
@@ -121,6 +163,8 @@ def viewer_data(
     dynamic : DynamicModel or None
         Of the same shapes.
     residues : PointResidues or None
+        Of the same shapes.
+    fields : sequence of SurfaceField
         Of the same shapes.
     """
     full = stored.model
@@ -158,10 +202,33 @@ def viewer_data(
         ],
         "shape_count": len(stored.ids),
         "error": None if residues is None else _quantised(residues.rms),
+        "fields": _fields(fields, len(full.mean)),
         "cycles": [] if dynamic is None else _cycles(basis, dynamic),
         "left_out_share": round(basis.residual_variance / full.total_variance, 6),
     }
     return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def _fields(fields: Sequence[SurfaceField], n_points: int) -> list[dict[str, Any]]:
+    """Return the fields: the middle of the shapes, and the shapes' own as far as there is room."""
+    room = FIELD_BUDGET // max(1, CHARACTERS_PER_POINT * n_points * len(fields) // 3)
+    found = []
+    for field in fields:
+        summary, known = field_summary(field), field.values[~np.isnan(field.values)]
+        if not len(known):
+            continue
+        own = [summary.middle, *field.values[: min(room, MOST_SHAPES)]]
+        facts: dict[str, Any] = {"name": field.name, "title": field.title}
+        if field.is_label:
+            labels = np.unique(known)
+            own = [np.where(np.isnan(v), np.nan, np.searchsorted(labels, v)) for v in own]
+            facts["labels"] = [f"{label:g}" for label in labels]
+            facts["colours"] = [PART_COLOURS[k % len(PART_COLOURS)] for k in range(len(labels))]
+        else:
+            facts["ends"] = _rounded(np.quantile(known, FIELD_QUANTILES))
+        encoded = [_quantised(values, 1.0 if field.is_label else None) for values in own]
+        found.append({**facts, "mean": encoded[0], "shapes": encoded[1:]})
+    return found
 
 
 def _mode_sets(
@@ -229,11 +296,13 @@ def _rounded(values: FloatArray) -> Any:
     return np.round(np.asarray(values, dtype=np.float64), 5).tolist()
 
 
-def _quantised(values: FloatArray) -> dict[str, Any]:
+def _quantised(values: FloatArray, unit: float | None = None) -> dict[str, Any]:
     """Little-endian 16-bit integers and what one unit of them is; error at most half a unit."""
-    largest = float(np.abs(values).max(initial=0.0))
-    unit = largest / LARGEST_INTEGER if largest > 0.0 else 1.0
-    integers = np.round(values / unit).astype("<i2")
+    gaps = np.isnan(values)
+    largest = float(np.abs(values[~gaps]).max(initial=0.0))
+    if unit is None:
+        unit = largest / LARGEST_INTEGER if largest > 0.0 else 1.0
+    integers = np.where(gaps, MISSING, np.round(np.where(gaps, 0.0, values) / unit)).astype("<i2")
     return {"unit": unit, "data": base64.b64encode(integers.tobytes()).decode("ascii")}
 
 

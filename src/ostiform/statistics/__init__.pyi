@@ -5,7 +5,9 @@ from .covariates import subject_values as subject_values
 from .design import Design as Design
 from .design import design_of as design_of
 from .design import permutations as permutations
+from .effect import FieldEffect as FieldEffect
 from .effect import ShapeEffect as ShapeEffect
+from .effect import field_effect as field_effect
 from .effect import normal_movement as normal_movement
 from .effect import point_normals as point_normals
 from .effect import shape_effect as shape_effect
@@ -17,5 +19,7 @@ from .scores import score_test as score_test
 from .scores import shrinkage_intensity as shrinkage_intensity
 from .settings import EffectSettings as EffectSettings
 from .settings import Movement as Movement
+from .units import SubjectField as SubjectField
 from .units import SubjectShapes as SubjectShapes
+from .units import subject_field as subject_field
 from .units import subject_shapes as subject_shapes

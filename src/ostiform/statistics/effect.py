@@ -1,11 +1,11 @@
-"""The dependence of shape on a covariate: whether, where, and what it looks like."""
+"""The dependence of shape, or of a field on it, on a covariate: whether, where, and how far."""
 
 from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.model import ShapeModel, reconstruct
 from ostiform.statistics.covariates import Covariate
@@ -13,7 +13,7 @@ from ostiform.statistics.design import Design, design_of, permutations
 from ostiform.statistics.points import PointTest, point_test
 from ostiform.statistics.scores import ScoreTest, score_test
 from ostiform.statistics.settings import EffectSettings
-from ostiform.statistics.units import SubjectShapes
+from ostiform.statistics.units import SubjectField, SubjectShapes
 from ostiform.surface import face_normals
 from ostiform.values import Axes, value
 
@@ -57,20 +57,72 @@ class ShapeEffect:
         InputError
             If a category is unknown.
         """
-        columns = self.covariate.columns()[0]
-        if isinstance(value, str):
-            if value not in self.covariate.levels:
-                raise InputError(
-                    f'covariate "{self.covariate.name}": expected one of '
-                    f"{', '.join(self.covariate.levels) or 'numbers'}, found {value}"
-                )
-            row = np.arange(1, len(self.covariate.levels)) == self.covariate.levels.index(value)
-        else:
-            row = np.array([value - self.covariate.values.mean()])
-        shape: FloatArray = self.shape_mean + np.tensordot(
-            row - columns.mean(axis=0), self.coefficients, axes=1
-        )
-        return shape
+        return _fitted(self.covariate, self.shape_mean, self.coefficients, value)
+
+
+@value
+class FieldEffect:
+    """What was found out about one covariate and a field of the surface.
+
+    Attributes
+    ----------
+    name, units : str
+        Of the field.
+    covariate, design
+        As `ShapeEffect`.
+    tested : (T,) int64
+        The points at which every subject has a value, in order.
+    mean : (T,) float64
+        The mean of the subjects there.
+    whole : ScoreTest
+        Of the field on all these points, weighted by area.
+    points : PointTest
+        Of every one of them.
+    coefficients : (q, T) float64, the field's units per unit of each column of the design
+    """
+
+    name: str
+    units: str
+    covariate: Covariate
+    design: Annotated[Design, Axes("names")]
+    tested: Annotated[IntArray, Axes("T")]
+    mean: Annotated[FloatArray, Axes("T")]
+    whole: ScoreTest
+    points: PointTest
+    coefficients: Annotated[FloatArray, Axes("names", "T")]
+
+    def everywhere(self, values: FloatArray, n_points: int) -> FloatArray:
+        """Return values (T,) of the tested points at all points (P,), NaN at the others."""
+        spread = np.full(n_points, np.nan)
+        spread[self.tested] = values
+        return spread
+
+    def values_at(self, value: float | str) -> FloatArray:
+        """Return the fitted values (T,) at a value, or of a category: see `ShapeEffect.shape_at`.
+
+        Raises
+        ------
+        InputError
+            If a category is unknown.
+        """
+        return _fitted(self.covariate, self.mean, self.coefficients, value)
+
+
+def _fitted(
+    covariate: Covariate, mean: FloatArray, coefficients: FloatArray, value: float | str
+) -> FloatArray:
+    if isinstance(value, str):
+        if value not in covariate.levels:
+            raise InputError(
+                f'covariate "{covariate.name}": expected one of '
+                f"{', '.join(covariate.levels) or 'numbers'}, found {value}"
+            )
+        row = np.arange(1, len(covariate.levels)) == covariate.levels.index(value)
+    else:
+        row = np.array([value - covariate.values.mean()])
+    offset = row - covariate.columns()[0].mean(axis=0)
+    fitted: FloatArray = mean + np.tensordot(offset, coefficients, axes=1)
+    return fitted
 
 
 def shape_effect(
@@ -100,17 +152,9 @@ def shape_effect(
         If the covariates do not fit the subjects or each other, or there are too few subjects.
     """
     settings = EffectSettings() if settings is None else settings
-    for each in (covariate, *adjusted):
-        if len(each.values) != len(shapes.subjects):
-            raise InputError(
-                f'covariate "{each.name}": expected one value for each of {len(shapes.subjects)} '
-                f"subjects, found {len(each.values)}"
-            )
     if settings.movement not in ("any", "normal"):
         raise InputError(f'movement: expected "any" or "normal", found "{settings.movement}"')
-    design = design_of(covariate, adjusted)
-    rng = np.random.default_rng(settings.seed)
-    orders = permutations(len(shapes.subjects), settings.permutations, rng)
+    design, orders = _tested(len(shapes.subjects), covariate, adjusted, settings)
     positions = reconstruct(model, shapes.scores)  # (S, P, 3)
     mean = positions.mean(axis=0)
     normals = point_normals(mean, model)
@@ -126,6 +170,70 @@ def shape_effect(
         coefficients=coefficients,
         normal_coefficients=np.einsum("qpi,pi->qp", coefficients, normals),
     )
+
+
+def field_effect(
+    field: SubjectField,
+    weights: FloatArray,
+    covariate: Covariate,
+    adjusted: Sequence[Covariate] = (),
+    settings: EffectSettings | None = None,
+) -> FieldEffect:
+    """Test whether and where a field depends on a covariate, adjusted for others.
+
+    Points at which a subject has no value are not tested.
+
+    Parameters
+    ----------
+    field : SubjectField
+    weights : (P,) float64
+        Area shares of the points.
+    covariate, adjusted, settings
+        As `shape_effect`; a field has no direction, so `movement` says nothing.
+
+    Raises
+    ------
+    InputError
+        As `shape_effect`, or if there is no point at which all subjects have a value.
+    """
+    settings = EffectSettings() if settings is None else settings
+    design, orders = _tested(len(field.subjects), covariate, adjusted, settings)
+    lacking = np.isnan(field.values).sum(axis=0)  # (P,)
+    tested = np.flatnonzero(lacking == 0)
+    if not len(tested):
+        raise InputError(
+            f"values at the points: expected points at which all {len(field.subjects)} subjects "
+            f"have one, found none, {int(lacking.min())} subjects lack it at the best: leave out "
+            "the subjects with the largest gaps"
+        )
+    values = field.values[:, tested]
+    mean = values.mean(axis=0)
+    scores = (values - mean) * np.sqrt(weights[tested] / weights[tested].sum())
+    return FieldEffect(
+        name=field.name,
+        units=field.units,
+        covariate=covariate,
+        design=design,
+        tested=tested,
+        mean=mean,
+        whole=score_test(scores, design, orders, settings.modes, settings.shrinkage),
+        points=point_test((values - mean)[:, :, None], design, orders),
+        coefficients=design.coefficients(values),
+    )
+
+
+def _tested(
+    count: int, covariate: Covariate, adjusted: Sequence[Covariate], settings: EffectSettings
+) -> tuple[Design, IntArray]:
+    """Return the design of a test of so many subjects, and their permutations."""
+    for each in (covariate, *adjusted):
+        if len(each.values) != count:
+            raise InputError(
+                f'covariate "{each.name}": expected one value for each of {count} '
+                f"subjects, found {len(each.values)}"
+            )
+    rng = np.random.default_rng(settings.seed)
+    return design_of(covariate, adjusted), permutations(count, settings.permutations, rng)
 
 
 def point_normals(shape: FloatArray, model: ShapeModel) -> FloatArray:

@@ -1,5 +1,9 @@
 from .cycles import natural_key as natural_key
 from .cycles import times_of_phases as times_of_phases
+from .field_arrays import field_mesh as field_mesh
+from .field_arrays import other_arrays as other_arrays
+from .field_arrays import surface_fields as surface_fields
+from .field_arrays import values_at as values_at
 from .layout_names import LayoutCircle as LayoutCircle
 from .markups import read_markups as read_markups
 from .naming import LoopFacts as LoopFacts
@@ -17,6 +21,7 @@ from .reading import part_facts as part_facts
 from .reading import read_shape as read_shape
 from .reading import survey_shape as survey_shape
 from .settings import CircleSettings as CircleSettings
+from .settings import FieldSettings as FieldSettings
 from .settings import StudySettings as StudySettings
 from .settings_file import parsed_settings as parsed_settings
 from .settings_file import read_settings as read_settings

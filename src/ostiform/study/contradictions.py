@@ -5,6 +5,9 @@ from typing import Any
 
 from ostiform.study.settings import StudySettings, full_name
 
+OWN_ARRAYS = ("area_share", "distance_from_mean_mm")
+"""Arrays of the surfaces that are written, whose names no field may have."""
+
 
 def quoted(key: str) -> str:
     """Return a key as TOML writes it."""
@@ -25,6 +28,7 @@ def contradictions(settings: StudySettings) -> list[str]:
         *_shapes_problems(settings),
         *_cycle_problems(settings),
         *_part_value_problems(settings),
+        *_field_problems(settings),
         *_ostium_problems(settings),
         *_evaluation_problems(settings),
         *_report_problems(settings),
@@ -140,6 +144,19 @@ def _part_value_problems(settings: StudySettings) -> list[str]:
     if missing:
         problems.append(f"shapes.split.{quoted(missing[0])}: expected this key, found none")
     return problems
+
+
+def _field_problems(settings: StudySettings) -> list[str]:
+    problems = [
+        f"fields.{quoted(name)}.part: expected a part of [parts], found {shown(field.part)}"
+        for name, field in settings.fields.items()
+        if field.part is not None and field.part not in settings.parts
+    ]
+    return problems + [
+        f"fields.{name}: expected another name, found that of an array of every result"
+        for name in OWN_ARRAYS
+        if name in settings.fields
+    ]
 
 
 def _ostium_problems(settings: StudySettings) -> list[str]:

@@ -143,6 +143,23 @@ class CutsSettings(_Settings):
     shapes: dict[str, dict[str, PlaneSettings]] = {}
 
 
+class FieldSettings(_Settings):
+    """A quantity that the files hold on the surface: voltage, thickness, a region.
+
+    `array` is the point or cell array of every file that holds it, the field's own name by
+    default; `part` the only part that has it, where not all do. `kind` says whether its values
+    are numbers or labels, and `missing` which of them stands for none. Where `required` is false,
+    a file may lack it.
+    """
+
+    array: Annotated[str, Field(min_length=1)] | None = None
+    units: str = ""
+    kind: Literal["number", "label"] = "number"
+    part: str | None = None
+    missing: Finite | None = None
+    required: bool = True
+
+
 class EmbeddingSettings(_Settings):
     """How a component is mapped to its sphere."""
 
@@ -242,6 +259,7 @@ class StudySettings(_Settings):
     welding: WeldingSettings = WeldingSettings()
     labels: LabelsSettings = LabelsSettings()
     cuts: CutsSettings = CutsSettings()
+    fields: dict[Name, FieldSettings] = {}
     domain: DomainSettings = DomainSettings()
     embedding: EmbeddingSettings = EmbeddingSettings()
     template: TemplateSettings = TemplateSettings()

@@ -76,7 +76,7 @@ def part_meshes(
     elif settings.shapes.joined:
         meshes = _joined_mesh(settings, entry, cuts)
     else:
-        meshes = {part: _read(settings, part, entry) for part in settings.parts}
+        meshes = {part: file_mesh(settings, part, entry) for part in settings.parts}
     divided = volumes or settings.shapes.split or settings.shapes.joined
     at_seams = {name for seam in settings.seam_pairs for name in (seam.first, seam.second)}
     left = {
@@ -176,7 +176,8 @@ def _plane(plane: PlaneSettings, factors: FloatArray) -> Cut:
     return plane_cut(factors * np.array(plane.center), factors * np.array(plane.normal), reach)
 
 
-def _read(settings: StudySettings, part: str, entry: ShapeEntry) -> RawMesh:
+def file_mesh(settings: StudySettings, part: str, entry: ShapeEntry) -> RawMesh:
+    """Return the mesh in the file of a part, in mm and LPS. Errors are those of `part_meshes`."""
     try:
         mesh = read_mesh(entry.files[part])
         check_frame(settings, mesh)
@@ -192,7 +193,7 @@ def _joined_mesh(
     """Return the parts of one mesh that the cuts at the seams tell apart."""
     first = settings.part_names[0]
     file = entry.files[first]
-    mesh = _read(settings, first, entry)
+    mesh = file_mesh(settings, first, entry)
     full = {f"{part}.{o}": cut for part, own in cuts.items() for o, cut in own.items()}
     try:
         return parted_mesh(settings, mesh, connected_mesh(mesh), full)
@@ -204,7 +205,7 @@ def _split_mesh(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawMesh
     """Return the parts of one mesh that a label of its cells or points tells apart."""
     parts = settings.part_names
     file = entry.files[parts[0]]
-    mesh = _read(settings, parts[0], entry)
+    mesh = file_mesh(settings, parts[0], entry)
     array = str(settings.shapes.split["array"])
     values = _majority(mesh, array) if array not in mesh.cell_data else None
     try:
