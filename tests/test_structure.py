@@ -13,6 +13,7 @@ SOURCE = Path(ostiform.__file__).parent
 ORDER = [
     "errors",
     "kernel_cache",
+    "kernels",
     "arrays",
     "values",
     "codecs",

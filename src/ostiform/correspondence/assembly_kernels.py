@@ -1,12 +1,12 @@
 """Compiled assembly of one shape's Gauss-Newton system from its active fields."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def landmark_derivatives(
     starts: IntArray, vectors: FloatArray, derivatives: FloatArray
 ) -> FloatArray:
@@ -27,7 +27,7 @@ def landmark_derivatives(
     return moved
 
 
-@njit(cache=True)
+@kernel
 def normal_matrix(
     starts: IntArray, fields: IntArray, moved: FloatArray, n_fields: int
 ) -> FloatArray:
@@ -45,7 +45,7 @@ def normal_matrix(
     return matrix
 
 
-@njit(cache=True)
+@kernel
 def score_derivatives(
     starts: IntArray,
     fields: IntArray,
@@ -64,7 +64,7 @@ def score_derivatives(
     return scores
 
 
-@njit(cache=True)
+@kernel
 def motion_derivatives(
     starts: IntArray,
     fields: IntArray,
@@ -84,7 +84,7 @@ def motion_derivatives(
     return scores
 
 
-@njit(cache=True)
+@kernel
 def pulled_back(
     starts: IntArray, fields: IntArray, vectors: FloatArray, forces: FloatArray, n_fields: int
 ) -> FloatArray:
@@ -100,7 +100,7 @@ def pulled_back(
     return total
 
 
-@njit(cache=True)
+@kernel
 def determinant_derivatives(
     points: FloatArray,
     faces: IntArray,

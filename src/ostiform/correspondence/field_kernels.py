@@ -11,20 +11,20 @@ cosine of the outer and of the inner end of the cut-off 5:7, component sphere 7.
 import math
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 BUMP, ROTATION, BOOST, TWIST = 0, 1, 2, 3
 
 
-@njit(cache=True)
+@kernel
 def _smooth_step(s: float) -> float:
     """Return the quintic 0 -> 1 step, C2 at both ends."""
     return s * s * s * (10.0 + s * (6.0 * s - 15.0))
 
 
-@njit(cache=True)
+@kernel
 def wendland(q: float) -> float:
     """Return the Wendland C2 bump (1 - q)^4 (4 q + 1)."""
     if q >= 1.0:
@@ -33,7 +33,7 @@ def wendland(q: float) -> float:
     return r * r * (4.0 * q + 1.0)
 
 
-@njit(cache=True)
+@kernel
 def _reach(f: FloatArray, kind: int) -> tuple[float, float]:
     """Return the cosines of the angles from a field's centre between which it is not zero."""
     if kind == BUMP:
@@ -44,7 +44,7 @@ def _reach(f: FloatArray, kind: int) -> tuple[float, float]:
     return -2.0, 2.0
 
 
-@njit(cache=True)
+@kernel
 def _field(f: FloatArray, kind: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the tangent vector of a field other than a twist at a point, before the cut-offs."""
     if kind == ROTATION:
@@ -59,7 +59,7 @@ def _field(f: FloatArray, kind: int, x: float, y: float, z: float) -> tuple[floa
     return height * (f[3] - normal * x), height * (f[4] - normal * y), height * (f[5] - normal * z)
 
 
-@njit(cache=True)
+@kernel
 def _about_circle(f: FloatArray, u: FloatArray, around: FloatArray) -> None:
     """Fill `around`: the twist's tangent vector but for the wave along the circle, the angle."""
     dot = f[0] * u[0] + f[1] * u[1] + f[2] * u[2]
@@ -78,7 +78,7 @@ def _about_circle(f: FloatArray, u: FloatArray, around: FloatArray) -> None:
     around[3] = math.atan2(second, u[0] * f[6] + u[1] * f[7] + u[2] * f[8])
 
 
-@njit(cache=True)
+@kernel
 def _wave(angle: float, count: int) -> float:
     """Return the trigonometric interpolant of 1, 0, ..., 0 at an odd number of equal steps."""
     half = math.sin(0.5 * angle)
@@ -87,13 +87,13 @@ def _wave(angle: float, count: int) -> float:
     return math.sin(0.5 * count * angle) / (count * half)
 
 
-@njit(cache=True)
+@kernel
 def cut_off_share(s: float) -> float:
     """Return the share of the normal component that is cut off, s widths from a circle."""
     return 1.0 - _smooth_step(s) if s < 1.0 else 0.0
 
 
-@njit(cache=True)
+@kernel
 def _near_circles(
     circles: FloatArray, sphere: int, on_circle: int, u: FloatArray, normals: FloatArray
 ) -> int:
@@ -123,7 +123,7 @@ def _near_circles(
     return count
 
 
-@njit(cache=True)
+@kernel
 def _cut_off(normals: FloatArray, count: int, v: FloatArray) -> None:
     """Take the components normal to the near circles off a vector, in place."""
     for k in range(count):
@@ -134,7 +134,7 @@ def _cut_off(normals: FloatArray, count: int, v: FloatArray) -> None:
         v[2] -= part * n[2]
 
 
-@njit(cache=True)
+@kernel
 def active_fields(
     points: FloatArray, sphere: IntArray, table: FloatArray, labels: IntArray
 ) -> tuple[IntArray, IntArray]:
@@ -169,7 +169,7 @@ def active_fields(
     return starts, found[:total].astype(np.int64)
 
 
-@njit(cache=True)
+@kernel
 def field_vectors(
     points: FloatArray,
     sphere: IntArray,
@@ -200,7 +200,7 @@ def field_vectors(
     return vectors
 
 
-@njit(cache=True)
+@kernel
 def determinants(points: FloatArray, faces: IntArray) -> FloatArray:
     """Return ``det(a, b, c)`` (F,) of the corners of triangles; positive seen from outside."""
     values = np.empty(len(faces))

@@ -8,13 +8,13 @@ trigonometric polynomial: a tenth of the fields, and none of their angles.
 import math
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.field_kernels import cut_off_share, wendland
+from ostiform.kernels import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _twisted(first: int, last: int, away: float, x: float, y: float, rings: FloatArray) -> float:
     """Return the speed along a circle at cosine x and sine y of the angle about its centre."""
     total = 0.0
@@ -28,7 +28,7 @@ def _twisted(first: int, last: int, away: float, x: float, y: float, rings: Floa
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _velocity(
     u: tuple[float, float, float],
     sphere: int,
@@ -95,7 +95,7 @@ def _velocity(
     return vx, vy, vz
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _landed(
     x: float, y: float, z: float, on_circle: int, circles: FloatArray
 ) -> tuple[float, float, float]:
@@ -110,7 +110,7 @@ def _landed(
     return scale * x + height * c[0], scale * y + height * c[1], scale * z + height * c[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bumps_near(
     u: tuple[float, float, float],
     sphere: int,
@@ -129,7 +129,7 @@ def _bumps_near(
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def flow_points(
     points: FloatArray,
     sphere: IntArray,
@@ -188,7 +188,7 @@ def flow_points(
     return moved
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def velocities(
     points: FloatArray,
     sphere: IntArray,

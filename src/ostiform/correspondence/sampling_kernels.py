@@ -1,12 +1,12 @@
 """Compiled interpolation of positions at directions: within triangles and along curves."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def interpolated_on_curve(
     frame: FloatArray,
     first_angle: float,
@@ -42,7 +42,7 @@ def interpolated_on_curve(
     return points, jacobian
 
 
-@njit(cache=True)
+@kernel
 def interpolated(
     corners: FloatArray,
     faces: IntArray,

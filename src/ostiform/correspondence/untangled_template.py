@@ -7,10 +7,10 @@ steep a chord cuts a corner and one triangle in a thousand turns over.
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.domain import Circle, cleared_of_circles, spherical_delaunay, without_caps
+from ostiform.kernels import kernel
 from ostiform.surface import count_flipped, exact_orientations, twin_half_edges
 
 ROUNDS = 10
@@ -118,7 +118,7 @@ def _signed_quality(points: FloatArray, faces: IntArray) -> FloatArray:
     return np.array(_triangle_qualities(a, b, c))
 
 
-@njit(cache=True)
+@kernel
 def _triangle_qualities(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     qualities = np.empty(len(a))
     for f in range(len(a)):
@@ -126,7 +126,7 @@ def _triangle_qualities(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArr
     return qualities
 
 
-@njit(cache=True)
+@kernel
 def _quality(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     # 2 sqrt(3) det(a, b, c) / (sum of squared edges): 1 for a small equilateral triangle.
     u, v = b - a, c - a
@@ -140,7 +140,7 @@ def _quality(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     return float(2.0 * np.sqrt(3.0) * determinant / squared) if squared > 0.0 else 0.0
 
 
-@njit(cache=True)
+@kernel
 def _worst_quality(points: FloatArray, faces: IntArray, around: IntArray, n: int) -> float:
     worst = 2.0
     for i in range(n):
@@ -149,7 +149,7 @@ def _worst_quality(points: FloatArray, faces: IntArray, around: IntArray, n: int
     return worst
 
 
-@njit(cache=True)
+@kernel
 def _spread(points: FloatArray, faces: IntArray, chosen: IntArray, sweeps: int) -> FloatArray:
     # Pattern search, vertex by vertex: steps in eight directions, from half the mean distance of
     # the neighbours down to a sixty-fourth, each accepted if the worst triangle improves.

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, frozen_floats, frozen_mapping
 from ostiform.errors import InputError
+from ostiform.kernels import kernel
 
 _SMALLEST_NORM = 1e-12
 """Lengths below this are the centre or the axis of a primitive, where its gradient is undefined."""
@@ -215,7 +215,7 @@ class Anatomy:
         return tuple(found)
 
 
-@njit(cache=True)
+@kernel
 def _blended(
     points: FloatArray,
     ellipsoids: FloatArray,
@@ -251,7 +251,7 @@ def _blended(
     return value, gradient
 
 
-@njit(cache=True)
+@kernel
 def _ellipsoid_distance(
     point: FloatArray, shape: FloatArray, frame: FloatArray, slope: FloatArray
 ) -> float:
@@ -276,7 +276,7 @@ def _ellipsoid_distance(
     return float(value)
 
 
-@njit(cache=True)
+@kernel
 def _tube_distance(point: FloatArray, tube: FloatArray, slope: FloatArray) -> float:
     along = length = 0.0
     for j in range(3):

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import ConvergenceError
+from ostiform.kernels import kernel
 
 INVERSE_TOLERANCE_MM = 1e-11
 """Round-off of double precision at coordinates of 100 mm is 1e-14; Newton's last step squares."""
@@ -19,7 +19,7 @@ def solve3(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return solutions
 
 
-@njit(cache=True)
+@kernel
 def _cramer(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     solutions = np.empty((len(matrices), 3))
     minors = np.empty((3, 3))

@@ -6,12 +6,12 @@ All moves are made on material points, so vertices stay on the true surface and 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.demo.deformation import Deformation
 from ostiform.demo.implicit import Anatomy
 from ostiform.demo.inversion import solve3
+from ostiform.kernels import kernel
 from ostiform.surface import edge_faces, half_edges, twin_half_edges
 
 PROJECTION_STEPS = 8
@@ -194,7 +194,7 @@ def _neighbours(faces: IntArray, side: IntArray) -> IntArray:
     return np.where(side[found] == side[:, None], found, -1)
 
 
-@njit(cache=True)
+@kernel
 def _flip_to_delaunay(
     faces: IntArray, neighbours: IntArray, world: FloatArray, curve: IntArray
 ) -> int:
@@ -246,7 +246,7 @@ def _flip_to_delaunay(
     return flips
 
 
-@njit(cache=True)
+@kernel
 def _sine_of_sum(world: FloatArray, a: int, b: int, c: int, d: int) -> float:
     # Sine of the sum of the angles at c and d opposite the edge a b.
     sine_c = _length(_normal(world, c, a, b))
@@ -259,7 +259,7 @@ def _sine_of_sum(world: FloatArray, a: int, b: int, c: int, d: int) -> float:
     return float((sine_c * cosine_d + cosine_c * sine_d) / scale)
 
 
-@njit(cache=True)
+@kernel
 def _stays_upright(world: FloatArray, a: int, b: int, c: int, d: int) -> bool:
     one, two = _normal(world, a, b, c), _normal(world, b, a, d)
     first, second = _normal(world, c, a, d), _normal(world, d, b, c)
@@ -270,7 +270,7 @@ def _stays_upright(world: FloatArray, a: int, b: int, c: int, d: int) -> bool:
     return up_first > 0.0 and up_second > 0.0
 
 
-@njit(cache=True)
+@kernel
 def _normal(world: FloatArray, a: int, b: int, c: int) -> tuple[float, float, float]:
     ux, uy, uz = (
         world[b, 0] - world[a, 0],
@@ -285,12 +285,12 @@ def _normal(world: FloatArray, a: int, b: int, c: int) -> tuple[float, float, fl
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@njit(cache=True)
+@kernel
 def _length(vector: tuple[float, float, float]) -> float:
     return float(np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2))
 
 
-@njit(cache=True)
+@kernel
 def _joined(faces: IntArray, neighbours: IntArray, start: int, c: int, d: int) -> bool:
     # Whether an edge joins c and d: walk round c in both directions.
     for direction in (1, 2):

@@ -7,12 +7,12 @@ method, which converges because their displacements are contractions or nearly s
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import CubicSpline
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.demo.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
 from ostiform.errors import ConvergenceError, InputError
+from ostiform.kernels import kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,7 +267,7 @@ class Bumps:
         )
 
 
-@njit(cache=True)
+@kernel
 def _bump_displacement(
     points: FloatArray, centers: FloatArray, radii: FloatArray, displacements: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -292,7 +292,7 @@ def _bump_displacement(
     return value, slope
 
 
-@njit(cache=True)
+@kernel
 def _tube_displacement(
     points: FloatArray, vectors: FloatArray, sizes: tuple[float, float, float, float]
 ) -> tuple[FloatArray, FloatArray]:
@@ -327,14 +327,14 @@ def _tube_displacement(
     return value, slope
 
 
-@njit(cache=True)
+@kernel
 def _step(u: float) -> tuple[float, float]:
     # Quintic smooth step from 0 at u = 0 to 1 at u = 1, and its slope.
     u = min(max(u, 0.0), 1.0)
     return u**3 * (10.0 + u * (6.0 * u - 15.0)), 30.0 * u**2 * (1.0 - u) ** 2
 
 
-@njit(cache=True)
+@kernel
 def _ramp(t: float, length: float) -> tuple[float, float]:
     # Slope 1 / length from about t = length / 3 to t = length, then level: the difference of two
     # integrated smooth steps.
@@ -344,7 +344,7 @@ def _ramp(t: float, length: float) -> tuple[float, float]:
     return (rise - stop) * width / length, (rise_slope - stop_slope) / length
 
 
-@njit(cache=True)
+@kernel
 def _integrated_step(u: float) -> tuple[float, float]:
     inside = min(max(u, 0.0), 1.0)
     integral = inside**4 * (2.5 + inside * (inside - 3.0)) + max(u - 1.0, 0.0)

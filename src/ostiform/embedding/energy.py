@@ -16,9 +16,9 @@ The Hessian of psi in J is made positive by clamping its four analytic eigenvalu
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 # Eigenvalues of the Hessian are clamped at this share of their sum. With the exact barrier 1e-9
 # costs raw marching-cubes meshes half as many steps again, 1e-2 regular ones twice as many; the
@@ -40,7 +40,7 @@ class EnergyWeights:
         return np.array([self.dirichlet, self.mips, self.area])
 
 
-@njit(cache=True)
+@kernel
 def _chi(d: float, epsilon: float) -> tuple[float, float, float]:
     """Regularised positive part of d and its first two derivatives."""
     if epsilon == 0.0:
@@ -50,7 +50,7 @@ def _chi(d: float, epsilon: float) -> tuple[float, float, float]:
     return chi, 0.5 + 0.5 * d / s, 0.5 * epsilon * epsilon / (s * s * s)
 
 
-@njit(cache=True)
+@kernel
 def _psi(I: float, d: float, weights: FloatArray, epsilon: float) -> float:
     chi, _, _ = _chi(d, epsilon)
     barrier = 0.5 * (weights[1] * I + weights[2] * (1.0 + d * d)) / chi
@@ -58,7 +58,7 @@ def _psi(I: float, d: float, weights: FloatArray, epsilon: float) -> float:
     return value
 
 
-@njit(cache=True)
+@kernel
 def _psi_derivatives(
     I: float, d: float, weights: FloatArray, epsilon: float
 ) -> tuple[float, float, float, float, float]:
@@ -77,7 +77,7 @@ def _psi_derivatives(
     return value, by_I, by_d, by_I_d, by_d_d
 
 
-@njit(cache=True)
+@kernel
 def energy_value(
     directions: FloatArray,
     faces: IntArray,
@@ -110,7 +110,7 @@ def energy_value(
     return energy, least
 
 
-@njit(cache=True)
+@kernel
 def energy_and_derivatives(  # noqa: PLR0913 (a kernel over plain arrays)
     directions: FloatArray,
     faces: IntArray,
@@ -292,7 +292,7 @@ def energy_and_derivatives(  # noqa: PLR0913 (a kernel over plain arrays)
     return energy
 
 
-@njit(cache=True)
+@kernel
 def tangent_bases(directions: FloatArray, bases: FloatArray) -> None:
     """Fill `bases` (V, 2, 3) with an orthonormal basis of the tangent plane at every direction."""
     for i in range(directions.shape[0]):
@@ -307,7 +307,7 @@ def tangent_bases(directions: FloatArray, bases: FloatArray) -> None:
         bases[i, 1, 0], bases[i, 1, 1], bases[i, 1, 2] = y * c - z * b, z * a - x * c, x * b - y * a
 
 
-@njit(cache=True)
+@kernel
 def largest_step(directions: FloatArray, motion: FloatArray, faces: IntArray) -> float:
     """Return the first step at which a triangle moving along straight lines loses its area.
 

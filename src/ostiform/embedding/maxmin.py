@@ -22,11 +22,11 @@ from enum import Enum
 from typing import Annotated, Literal
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.embedding.rings import vertex_rings
 from ostiform.errors import InputError
+from ostiform.kernels import kernel
 from ostiform.values import Axes, value
 
 LocalSolver = Literal["conjugate-gradient", "linear-program"]
@@ -129,7 +129,7 @@ def _folded(points: FloatArray, faces: IntArray) -> tuple[int, float]:
     return int(folded.sum()), 0.5 * float(doubled.min())
 
 
-@njit(cache=True)
+@kernel
 def _swept(
     points: FloatArray,
     offsets: IntArray,
@@ -160,7 +160,7 @@ def _swept(
             points[v] += move
 
 
-@njit(cache=True)
+@kernel
 def _equal_areas(constants: FloatArray, slopes: FloatArray) -> FloatArray:
     """Exact optimum: the best point at which three areas are equal and the others no smaller."""
     count = len(constants)
@@ -192,7 +192,7 @@ def _equal_areas(constants: FloatArray, slopes: FloatArray) -> FloatArray:
     return optimum
 
 
-@njit(cache=True)
+@kernel
 def _ascended(constants: FloatArray, slopes: FloatArray) -> FloatArray:
     """Polak-Ribiere conjugate gradients on the soft minimum of the areas."""
     scale = np.abs(constants).mean()
@@ -237,7 +237,7 @@ def _ascended(constants: FloatArray, slopes: FloatArray) -> FloatArray:
     return move
 
 
-@njit(cache=True)
+@kernel
 def _soft_minimum(
     constants: FloatArray, slopes: FloatArray, x: float, y: float, sharpness: float
 ) -> tuple[float, float, float]:

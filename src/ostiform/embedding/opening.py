@@ -9,7 +9,6 @@ What little folds, folds because triangles stay straight.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.domain import Circle
@@ -21,6 +20,7 @@ from ostiform.embedding.disc import (
     pole_frame,
     tutte_disc,
 )
+from ostiform.kernels import kernel
 from ostiform.surface import inverse_stereographic, stereographic, vertex_areas
 
 # Share of the gap between a hole and the outer circle that the hole's cell takes.
@@ -289,7 +289,7 @@ def _velocity(
     return velocity
 
 
-@njit(cache=True)
+@kernel
 def _kernel_sum(
     points: ComplexArray,
     centers: ComplexArray,

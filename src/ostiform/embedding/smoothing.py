@@ -12,10 +12,10 @@ with I = +1 where the triangle's normal agrees with the sphere's at its centre, 
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.embedding.rings import vertex_rings
+from ostiform.kernels import kernel
 from ostiform.values import Axes, value
 
 # Smoothing ends with the sweep that moves fewer than this share of the free vertices.
@@ -78,7 +78,7 @@ def smoothed_where_better(
     return SmoothingResult(current, sweeps, moves)
 
 
-@njit(cache=True)
+@kernel
 def _swept(
     directions: FloatArray, offsets: IntArray, start: IntArray, end: IntArray, free: IntArray
 ) -> int:
@@ -104,7 +104,7 @@ def _swept(
     return moved
 
 
-@njit(cache=True)
+@kernel
 def _quality(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     across = np.cross(b - a, c - a)
     squares = ((b - a) ** 2).sum() + ((c - b) ** 2).sum() + ((a - c) ** 2).sum()

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 from scipy.spatial.distance import cdist
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.kernels import kernel
 from ostiform.values import Axes, value
 
 FEWEST_SHAPES = 3
@@ -170,7 +170,7 @@ def _nearest(
     return np.concatenate(least)
 
 
-@njit(cache=True)
+@kernel
 def _least_distances(shapes: FloatArray, flat: FloatArray, candidates: IntArray) -> FloatArray:
     """Return the mean distance (S,) over the points from the nearest of each shape's candidates."""
     count = shapes.shape[1] // 3

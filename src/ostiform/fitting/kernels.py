@@ -1,12 +1,12 @@
 """Compiled loops of the fit: rows of the linear problem, shapes from coefficients."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def design_rows(
     modes: FloatArray,
     field: FloatArray,
@@ -49,7 +49,7 @@ def design_rows(
     return rows
 
 
-@njit(cache=True)
+@kernel
 def point_covariances(rows: FloatArray, spread: FloatArray) -> FloatArray:
     """Return the covariance (n, 3, 3) of points from three rows each.
 

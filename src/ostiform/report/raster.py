@@ -7,10 +7,10 @@ are hidden exactly, pixel by pixel, and the one image is shared by every file fo
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray
 from ostiform.errors import InputError
+from ostiform.kernels import kernel
 
 SUPERSAMPLES = 2
 """Samples per pixel and direction, averaged: what smooths the edges."""
@@ -114,7 +114,7 @@ def rasterised(
     return Raster(pixels, nearness, np.asarray(extent, dtype=np.float64))
 
 
-@njit(cache=True)
+@kernel
 def _fill(
     corners: FloatArray,
     colours: FloatArray,
@@ -171,7 +171,7 @@ def _fill(
                     ]
 
 
-@njit(cache=True)
+@kernel
 def _average(image: np.ndarray, pixels: np.ndarray) -> None:
     """Fill `pixels` (H, W, 3) with the means of the samples (H S, W S, 3), 0 to 1, as bytes."""
     height, width, _ = pixels.shape

@@ -6,15 +6,15 @@ the other one, or for a leaf ``-1 - face``.
 """
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 DEEPEST = 64
 """Halving n triangles ends after log2(n) + 1 levels."""
 
 
-@njit(cache=True)
+@kernel
 def halved(vertices: FloatArray, faces: IntArray) -> IntArray:
     """Return the children (2 F - 1,) of a tree over triangles (F, 3)."""
     count = len(faces)
@@ -43,7 +43,7 @@ def halved(vertices: FloatArray, faces: IntArray) -> IntArray:
     return right
 
 
-@njit(cache=True)
+@kernel
 def fitted(vertices: FloatArray, faces: IntArray, right: IntArray) -> FloatArray:
     """Return the boxes (2 F - 1, 6) of a tree's nodes: least, then largest coordinates."""
     boxes = np.empty((len(right), 6))
@@ -63,7 +63,7 @@ def fitted(vertices: FloatArray, faces: IntArray, right: IntArray) -> FloatArray
     return boxes
 
 
-@njit(cache=True)
+@kernel
 def nearest(
     vertices: FloatArray,
     faces: IntArray,
@@ -116,7 +116,7 @@ def nearest(
     return squared, found, weights
 
 
-@njit(cache=True)
+@kernel
 def _longest(order: IntArray, centroids: FloatArray, first: int, last: int) -> int:
     axis, length = 0, -1.0
     for k in range(3):
@@ -129,7 +129,7 @@ def _longest(order: IntArray, centroids: FloatArray, first: int, last: int) -> i
     return axis
 
 
-@njit(cache=True)
+@kernel
 def _select(order: IntArray, keys: FloatArray, first: int, last: int, middle: int) -> None:
     """Order in place so that keys before the middle are at most, behind it at least, the one there.
 
@@ -156,7 +156,7 @@ def _select(order: IntArray, keys: FloatArray, first: int, last: int, middle: in
             return
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _to_box(boxes: FloatArray, node: int, x: float, y: float, z: float) -> float:
     total = 0.0
     for k, at in enumerate((x, y, z)):
@@ -166,7 +166,7 @@ def _to_box(boxes: FloatArray, node: int, x: float, y: float, z: float) -> float
     return total
 
 
-@njit(cache=True)
+@kernel
 def _to_triangle(
     vertices: FloatArray, faces: IntArray, face: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:

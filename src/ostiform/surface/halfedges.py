@@ -1,10 +1,10 @@
 """Twins of half-edges: how to step from a triangle to its neighbour in constant time."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import IntArray
 from ostiform.errors import TopologyError
+from ostiform.kernels import kernel
 
 
 def twin_half_edges(faces: IntArray, n_vertices: int) -> IntArray:
@@ -42,7 +42,7 @@ def twin_half_edges(faces: IntArray, n_vertices: int) -> IntArray:
     return found
 
 
-@njit(cache=True)
+@kernel
 def _twins(faces: IntArray, n_vertices: int) -> tuple[IntArray, int]:
     n_half_edges = 3 * len(faces)
     start = np.zeros(n_vertices + 1, dtype=np.int64)

@@ -5,9 +5,9 @@ a volume does, so a surface that crosses itself is reported.
 """
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 _CELLS_PER_EDGE = 1.5
 """Size of a grid cell in units of the mean bounding box of a triangle: few triangles per cell and
@@ -63,7 +63,7 @@ def _occupied(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
     return owner, first[owner] + np.stack([along_x, along_y, along_z], axis=1)
 
 
-@njit(cache=True)
+@kernel
 def _crossings(
     corners: FloatArray,
     faces: IntArray,
@@ -100,7 +100,7 @@ def _crossings(
     return found[:n_found]
 
 
-@njit(cache=True)
+@kernel
 def _pierced(triangle: FloatArray, other: FloatArray) -> bool:
     """Whether an edge of the other triangle passes through the inside of the triangle."""
     sides = np.empty(3)
@@ -118,7 +118,7 @@ def _pierced(triangle: FloatArray, other: FloatArray) -> bool:
     return False
 
 
-@njit(cache=True)
+@kernel
 def _volume(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> float:
     bx, by, bz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     cx, cy, cz = c[0] - a[0], c[1] - a[1], c[2] - a[2]

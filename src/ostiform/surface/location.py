@@ -9,11 +9,11 @@ the rim (design 4).
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import ConvergenceError, InputError
+from ostiform.kernels import kernel
 from ostiform.surface.halfedges import twin_half_edges
 from ostiform.surface.sphere import normalised
 from ostiform.surface.topology import boundary_loops
@@ -219,7 +219,7 @@ def _cell_centres(resolution: int) -> FloatArray:
     return normalised(centres.reshape(-1, 3))
 
 
-@njit(cache=True)
+@kernel
 def _cell(p: FloatArray, resolution: int) -> int:
     axis = 0
     for d in range(1, 3):
@@ -232,7 +232,7 @@ def _cell(p: FloatArray, resolution: int) -> int:
     return (side * resolution + min(i, resolution - 1)) * resolution + min(j, resolution - 1)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _sidedness(
     points: FloatArray, a: int, b: int, p: FloatArray
 ) -> tuple[float, float]:  # det(a, b, p) from differences, which keeps its digits, and its scale
@@ -244,7 +244,7 @@ def _sidedness(
     return determinant, np.sqrt((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz))
 
 
-@njit(cache=True)
+@kernel
 def _walk(
     points: FloatArray, faces: IntArray, twins: IntArray, queries: FloatArray, start: IntArray
 ) -> tuple[IntArray, int]:
@@ -286,7 +286,7 @@ def _walk(
     return found, -1
 
 
-@njit(cache=True)
+@kernel
 def _holds(points: FloatArray, faces: IntArray, triangle: int, p: FloatArray) -> bool:
     a, b, c = faces[triangle, 0], faces[triangle, 1], faces[triangle, 2]
     for k in range(3):  # in the triangle's hemisphere, not the opposite one
@@ -302,7 +302,7 @@ def _holds(points: FloatArray, faces: IntArray, triangle: int, p: FloatArray) ->
     return inside
 
 
-@njit(cache=True)
+@kernel
 def _search(points: FloatArray, faces: IntArray, p: FloatArray) -> int:
     for triangle in range(len(faces)):
         if _holds(points, faces, triangle, p):
@@ -310,7 +310,7 @@ def _search(points: FloatArray, faces: IntArray, p: FloatArray) -> int:
     return -1
 
 
-@njit(cache=True)
+@kernel
 def _barycentric(
     points: FloatArray,
     faces: IntArray,

@@ -1,12 +1,12 @@
 """Normals of triangle meshes at their vertices."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Return the unit normal (V, 3) of every vertex, faces weighted by area; zero without any."""
     normals = np.zeros((len(vertices), 3))

@@ -4,9 +4,9 @@ The kernels change the arrays they are given, which `ostiform.surface.remesh` ow
 """
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 from ostiform.surface.remesh_mesh import (
     MAX_RING,
     Curves,
@@ -26,7 +26,7 @@ LONGEST_AFTER_COLLAPSE = 4.0 / 3.0
 """Of the target edge length: a collapse may not create an edge that would be split again."""
 
 
-@njit(cache=True)
+@kernel
 def split_edges(mesh: Mesh, curves: Curves, chosen: IntArray, ends: IntArray) -> int:
     """Split half-edges at their middle (on their curve for a feature); return how many.
 
@@ -48,7 +48,7 @@ def split_edges(mesh: Mesh, curves: Curves, chosen: IntArray, ends: IntArray) ->
     return done
 
 
-@njit(cache=True)
+@kernel
 def _split(mesh: Mesh, curves: Curves, h: int) -> None:
     faces, twins, feature = mesh.faces, mesh.twins, mesh.feature
     f, hn, t = h // 3, following(h), twins[h]
@@ -88,7 +88,7 @@ def _split(mesh: Mesh, curves: Curves, h: int) -> None:
     pair(mesh, 3 * g, 3 * g2, k)
 
 
-@njit(cache=True)
+@kernel
 def collapse_edges(
     mesh: Mesh,
     curves: Curves,
@@ -142,7 +142,7 @@ def collapse_edges(
     return done
 
 
-@njit(cache=True)
+@kernel
 def _collapse(
     mesh: Mesh,
     curves: Curves,
@@ -212,7 +212,7 @@ def _collapse(
     return True
 
 
-@njit(cache=True)
+@kernel
 def _close_gap(mesh: Mesh, h: int, w: int, apex: int) -> None:
     # Removes the face of h, whose other two sides have become one edge between w and the apex.
     one, two = following(h), preceding(h)
@@ -229,7 +229,7 @@ def _close_gap(mesh: Mesh, h: int, w: int, apex: int) -> None:
                     mesh.out[apex] = side
 
 
-@njit(cache=True)
+@kernel
 def _fits(
     mesh: Mesh, v: int, other: int, ring: IntArray, n: int, position: FloatArray, target: float
 ) -> bool:

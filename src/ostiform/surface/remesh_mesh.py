@@ -7,9 +7,9 @@ first corner set to -1, a removed vertex its `out` entry.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 MAX_RING = 256
 """Vertices with more neighbours than this are left alone."""
@@ -51,25 +51,25 @@ class Curves(NamedTuple):
     arcs: FloatArray
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def following(h: int) -> int:
     """Return the next half-edge of the same face."""
     return h - 2 if h % 3 == 2 else h + 1
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def preceding(h: int) -> int:
     """Return the previous half-edge of the same face."""
     return h + 2 if h % 3 == 0 else h - 1
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def origin(faces: IntArray, h: int) -> int:
     """Return the vertex a half-edge starts at."""
     return int(faces[h // 3, h % 3])
 
 
-@njit(cache=True)
+@kernel
 def curve_position(curves: Curves, c: int, s: float) -> tuple[FloatArray, float]:
     """Return the point at arc length s (any number of turns) of curve c, and s within it."""
     low, high = curves.start[c], curves.start[c + 1]
@@ -81,14 +81,14 @@ def curve_position(curves: Curves, c: int, s: float) -> tuple[FloatArray, float]
     return (1.0 - t) * curves.points[i] + t * curves.points[i + 1], s
 
 
-@njit(cache=True)
+@kernel
 def arc_step(curves: Curves, c: int, a: float, b: float) -> float:
     """Return the signed arc length from a to b on curve c, the short way round."""
     length = curves.arcs[curves.start[c + 1] - 1]
     return float((b - a + 0.5 * length) % length - 0.5 * length)
 
 
-@njit(cache=True)
+@kernel
 def half_edge_ring(mesh: Mesh, v: int, ring: IntArray) -> tuple[int, bool]:
     """Fill `ring` with the outgoing half-edges of v, counter-clockwise; return how many.
 
@@ -120,7 +120,7 @@ def half_edge_ring(mesh: Mesh, v: int, ring: IntArray) -> tuple[int, bool]:
     return n, closed
 
 
-@njit(cache=True)
+@kernel
 def neighbours(mesh: Mesh, v: int, ring: IntArray, around: IntArray) -> tuple[int, int]:
     """Fill `around` with the neighbours of v; return their number and that of the faces."""
     n, closed = half_edge_ring(mesh, v, ring)
@@ -134,7 +134,7 @@ def neighbours(mesh: Mesh, v: int, ring: IntArray, around: IntArray) -> tuple[in
     return n + 1, n
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def area_vector(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float]:
     """Return twice the vector area of a triangle."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -142,13 +142,13 @@ def area_vector(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, flo
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def squared_distance(a: FloatArray, b: FloatArray) -> float:
     """Return the squared distance of two points."""
     return float((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@njit(cache=True)
+@kernel
 def pair(mesh: Mesh, h: int, t: int, k: int) -> None:
     """Make two half-edges twins (t may be -1) on curve k (-1 for none)."""
     mesh.twins[h] = t
@@ -158,7 +158,7 @@ def pair(mesh: Mesh, h: int, t: int, k: int) -> None:
         mesh.feature[t] = k
 
 
-@njit(cache=True)
+@kernel
 def turns_little(
     mesh: Mesh, v: int, a: int, b: int, position: FloatArray, refuse_slivers: bool
 ) -> bool:

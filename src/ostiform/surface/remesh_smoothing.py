@@ -4,9 +4,9 @@ The kernels change the arrays they are given, which `ostiform.surface.remesh` ow
 """
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 from ostiform.surface.remesh_mesh import (
     MAX_RING,
     SAME_SIDE,
@@ -26,7 +26,7 @@ from ostiform.surface.remesh_mesh import (
 )
 
 
-@njit(cache=True)
+@kernel
 def flip_edges(mesh: Mesh, by_angle: bool) -> int:
     """Flip inner edges to even out valences, or to widen the smallest angle; return how many.
 
@@ -75,7 +75,7 @@ def flip_edges(mesh: Mesh, by_angle: bool) -> int:
     return done
 
 
-@njit(cache=True)
+@kernel
 def _largest_cosine(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     # Cosine of the smallest angle of a triangle.
     la, lb, lc = squared_distance(b, c), squared_distance(c, a), squared_distance(a, b)
@@ -87,7 +87,7 @@ def _largest_cosine(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     return float(max(one, max(two, three)))
 
 
-@njit(cache=True)
+@kernel
 def _flip_is_sound(mesh: Mesh, a: int, b: int, c: int, d: int, by_angle: bool) -> bool:
     pa, pb, pc, pd = mesh.positions[a], mesh.positions[b], mesh.positions[c], mesh.positions[d]
     old = max(_largest_cosine(pa, pb, pc), _largest_cosine(pb, pa, pd))
@@ -109,7 +109,7 @@ def _flip_is_sound(mesh: Mesh, a: int, b: int, c: int, d: int, by_angle: bool) -
     return bool((m1 * m2).sum() / max(l1 * l2, 1e-300) >= min(crease, 0.7))
 
 
-@njit(cache=True)
+@kernel
 def _flip(mesh: Mesh, h: int, t: int) -> None:
     # (a, b, c) and (b, a, d) -> (d, c, a) and (c, d, b).
     faces, twins, feature = mesh.faces, mesh.twins, mesh.feature
@@ -127,7 +127,7 @@ def _flip(mesh: Mesh, h: int, t: int) -> None:
     mesh.out[a], mesh.out[b], mesh.out[c], mesh.out[d] = hp, tp, hn, h
 
 
-@njit(cache=True)
+@kernel
 def relax(mesh: Mesh, curves: Curves, damping: float, move_curves: bool) -> None:
     """Move vertices tangentially to the centroid of their faces, and along their curve.
 
@@ -167,7 +167,7 @@ def relax(mesh: Mesh, curves: Curves, damping: float, move_curves: bool) -> None
                 break
 
 
-@njit(cache=True)
+@kernel
 def _arc_imbalance(mesh: Mesh, curves: Curves, v: int, k: int, ring: IntArray, n: int) -> float:
     # Sum of the signed arc lengths to the two neighbours on the curve: zero midway.
     total = 0.0
@@ -182,7 +182,7 @@ def _arc_imbalance(mesh: Mesh, curves: Curves, v: int, k: int, ring: IntArray, n
     return total
 
 
-@njit(cache=True)
+@kernel
 def _tangential_move(mesh: Mesh, v: int, ring: IntArray, n: int) -> FloatArray:
     centre, normal = np.zeros(3), np.zeros(3)
     total = 0.0

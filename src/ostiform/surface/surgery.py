@@ -7,9 +7,9 @@ Marked curves are closed vertex cycles of two kinds: rims (boundary loops) and i
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray, read_only
+from ostiform.kernels import kernel
 
 # A collapse may turn a triangle by at most 60 degrees.
 LEAST_COSINE = 0.5
@@ -268,7 +268,7 @@ def _area_vector(corners: FloatArray) -> FloatArray:
     return vector
 
 
-@njit(cache=True)
+@kernel
 def _chosen_collapses(
     vertices: FloatArray,
     faces: IntArray,
@@ -322,7 +322,7 @@ def _chosen_collapses(
     return target
 
 
-@njit(cache=True)
+@kernel
 def _stays_upright(
     vertices: FloatArray,
     face: IntArray,

@@ -1,12 +1,12 @@
 """Compiled loops of `topology`: edges sorted by counting, labels of pieces, flips of faces."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import BoolArray, IntArray
+from ostiform.kernels import kernel
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def labels_of_links(one: IntArray, two: IntArray, count: int) -> IntArray:
     """Join the sets of linked items, each known by its first item, then number the sets."""
     parent = np.arange(count)
@@ -30,7 +30,7 @@ def labels_of_links(one: IntArray, two: IntArray, count: int) -> IntArray:
     return labels
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def grouped_edges(
     low: IntArray, high: IntArray, span: int
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
@@ -69,7 +69,7 @@ def grouped_edges(
     return edges[: found + 1].copy(), index, count[: found + 1].copy(), by_both
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@kernel
 def propagated_flips(
     neighbours: IntArray, same_direction: BoolArray, n_faces: int
 ) -> tuple[BoolArray, bool]:

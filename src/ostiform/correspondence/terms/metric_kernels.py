@@ -1,12 +1,12 @@
 """Compiled assembly of the metric term: how the fields change the logarithms of edge lengths."""
 
 import numpy as np
-from numba import njit
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def metric_system(
     points: FloatArray,
     edges: IntArray,
