@@ -13,7 +13,7 @@ SOURCE = Path(ostiform.__file__).parent
 ORDER = [
     "errors",
     "kernel_cache",
-    "kernels",
+    "compiled",
     "arrays",
     "values",
     "codecs",

@@ -229,6 +229,16 @@ def test_the_distance_to_truth_of_a_turned_part_is_that_part_s_alone(rng):
     np.testing.assert_allclose(found.parts["LA"][0] * share, found.mean, rtol=1e-9)
 
 
+def test_a_part_of_the_points_shows_the_distance_to_truth(rng, monkeypatch):
+    shapes, semi_axes = true_population(4, rng, turn=0.2)
+    every = distance_to_truth(shapes, *ellipsoid_maps(semi_axes))
+    monkeypatch.setattr(truth, "MOST_POINTS", len(shapes.template.points) // 3)
+    third = distance_to_truth(shapes, *ellipsoid_maps(semi_axes))
+    assert third.mean != every.mean
+    np.testing.assert_allclose(third.mean, every.mean, rtol=0.05)
+    np.testing.assert_allclose(third.parts["LA"][0], every.parts["LA"][0], rtol=0.05)
+
+
 def test_one_shape_has_no_distance_to_truth(rng):
     shapes, semi_axes = true_population(1, rng)
     with pytest.raises(InputError, match="at least 2 shapes"):

@@ -117,6 +117,7 @@ def correspond(
     *,
     resumed: Sequence[Checkpoint] = (),
     save: Save | None = None,
+    surveyed: int | None = None,
 ) -> Mapping[Kind, TrainedCorrespondence]:
     """Build the conformal, the minimum-Euclidean and the optimal model in one run.
 
@@ -137,6 +138,8 @@ def correspond(
         last one ended. The result is that of a run without interruption, bit for bit.
     save : callable, optional
         Called with the `Checkpoint` after every sweep, the last of each level with its status.
+    surveyed : int, optional
+        Shapes, at equal intervals, that the points are relaxed to cover at the end; all by default.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def correspond(
     first = euclidean_level(problem, population, callbacks)
     trained["euclidean"] = _trained("euclidean", problem, _directions(first), ids, shared, (first,))
     results = (first, *optimal_levels(problem, first.end.population, callbacks))
-    template, directions = _relaxed(problem, results, _warps(ids, results))
+    template, directions = _relaxed(problem, results, _warps(ids, results), surveyed or len(ids))
     trained["optimal"] = _trained(
         "optimal",
         _on_template(problem, template),
@@ -171,17 +174,22 @@ def correspond(
 
 
 def _relaxed(
-    problem: Problem, results: Sequence[LevelResult], warps: Warps
+    problem: Problem, results: Sequence[LevelResult], warps: Warps, most: int
 ) -> tuple[Template, FloatArray]:
     """Return the template with its points relaxed in common, and where the warps carry them.
 
-    Points at the corners of triangles that come out squeezed are put back.
+    They are relaxed to cover so many shapes at most. Points at the corners of triangles that come
+    out squeezed are put back.
     """
     first = problem.template, _directions(results[-1])
-    template = relaxed(problem.shapes, problem.template, problem.circles, first[1])[0]
+    count = len(warps.ids)
+    chosen = np.linspace(0, count - 1, min(most, count)).round().astype(int).tolist()
+    template = relaxed(
+        problem.shapes.chosen(chosen), problem.template, problem.circles, first[1][chosen]
+    )[0]
     if template is problem.template:
         return first
-    each = [warps.at(index) for index in range(len(warps.ids))]
+    each = [warps.at(index) for index in range(count)]
     moved = np.stack(problem.shapes.each(_carried, each, template))
     for _ in range(MOST_FREEZES):
         squeezed = squeezed_points(first, (template.points, moved))

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 BUMP, ROTATION, BOOST, TWIST = 0, 1, 2, 3
 

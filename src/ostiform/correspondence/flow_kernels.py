@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.correspondence.field_kernels import cut_off_share, wendland
-from ostiform.kernels import kernel
 
 
 @kernel(error_model="numpy")

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.domain import Circle, cleared_of_circles, spherical_delaunay, without_caps
-from ostiform.kernels import kernel
 from ostiform.surface import count_flipped, exact_orientations, twin_half_edges
 
 ROUNDS = 10

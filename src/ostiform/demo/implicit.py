@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, frozen_floats, frozen_mapping
+from ostiform.compiled import kernel
 from ostiform.errors import InputError
-from ostiform.kernels import kernel
 
 _SMALLEST_NORM = 1e-12
 """Lengths below this are the centre or the axis of a primitive, where its gradient is undefined."""

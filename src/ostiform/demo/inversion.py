@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.compiled import kernel
 from ostiform.errors import ConvergenceError
-from ostiform.kernels import kernel
 
 INVERSE_TOLERANCE_MM = 1e-11
 """Round-off of double precision at coordinates of 100 mm is 1e-14; Newton's last step squares."""

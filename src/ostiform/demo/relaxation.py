@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.demo.deformation import Deformation
 from ostiform.demo.implicit import Anatomy
 from ostiform.demo.inversion import solve3
-from ostiform.kernels import kernel
 from ostiform.surface import edge_faces, half_edges, twin_half_edges
 
 PROJECTION_STEPS = 8

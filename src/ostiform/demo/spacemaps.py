@@ -10,9 +10,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.compiled import kernel
 from ostiform.demo.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
 from ostiform.errors import ConvergenceError, InputError
-from ostiform.kernels import kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -68,8 +68,9 @@ def tangent_frame(center: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     axis = np.array([0.0, 0.0, 1.0]) if abs(center[2]) < 1.0 - 1e-9 else np.array([1.0, 0.0, 0.0])
     e1 = axis - (axis @ center) * center
-    e1 = e1 / np.linalg.norm(e1)
-    return e1, np.cross(center, e1)
+    e1 = e1 / np.sqrt(e1 @ e1)
+    (x, y, z), (a, b, c) = center, e1
+    return e1, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
 @value

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 # Eigenvalues of the Hessian are clamped at this share of their sum. With the exact barrier 1e-9
 # costs raw marching-cubes meshes half as many steps again, 1e-2 regular ones twice as many; the

@@ -24,9 +24,9 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.embedding.rings import vertex_rings
 from ostiform.errors import InputError
-from ostiform.kernels import kernel
 from ostiform.values import Axes, value
 
 LocalSolver = Literal["conjugate-gradient", "linear-program"]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.domain import Circle
 from ostiform.embedding.disc import (
     ComplexArray,
@@ -20,7 +21,6 @@ from ostiform.embedding.disc import (
     pole_frame,
     tutte_disc,
 )
-from ostiform.kernels import kernel
 from ostiform.surface import inverse_stereographic, stereographic, vertex_areas
 
 # Share of the gap between a hole and the outer circle that the hole's cell takes.

@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.embedding.rings import vertex_rings
-from ostiform.kernels import kernel
 from ostiform.values import Axes, value
 
 # Smoothing ends with the sweep that moves fewer than this share of the free vertices.

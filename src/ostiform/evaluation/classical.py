@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.errors import InputError
-from ostiform.kernels import kernel
 from ostiform.values import Axes, value
 
 FEWEST_SHAPES = 3

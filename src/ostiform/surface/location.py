@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ostiform.arrays import FloatArray, IntArray
+from ostiform.compiled import kernel
 from ostiform.errors import ConvergenceError, InputError
-from ostiform.kernels import kernel
 from ostiform.surface.halfedges import twin_half_edges
 from ostiform.surface.sphere import normalised
 from ostiform.surface.topology import boundary_loops

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 MAX_RING = 256
 """Vertices with more neighbours than this are left alone."""

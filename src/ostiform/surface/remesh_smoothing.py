@@ -6,7 +6,7 @@ The kernels change the arrays they are given, which `ostiform.surface.remesh` ow
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 from ostiform.surface.remesh_mesh import (
     MAX_RING,
     SAME_SIDE,

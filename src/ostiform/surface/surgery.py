@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray, read_only
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 # A collapse may turn a triangle by at most 60 degrees.
 LEAST_COSINE = 0.5

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ostiform.arrays import BoolArray, IntArray
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 
 @kernel

@@ -51,16 +51,16 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
     """Kernels on disk; the second process that misses one waits for the first to compile it."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
+        super().__init__(function)  # type: ignore[no-untyped-call]
         self._lock = FileLock(Path(self.cache_path) / LOCK, is_singleton=True)  # kernels nest
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return a kernel from disk, or None: then this process is the one to compile it."""
-        found = super().load_overload(signature, context)
+        found = super().load_overload(signature, context)  # type: ignore[no-untyped-call]
         if found is None:
             with suppress(OSError, NotImplementedError, Timeout):  # then each compiles its own
                 self._lock.acquire(timeout=PATIENCE_S, poll_interval=0.01)
-                found = super().load_overload(signature, context)
+                found = super().load_overload(signature, context)  # type: ignore[no-untyped-call]
                 if found is not None:
                     self._lock.release()
         return found
@@ -68,6 +68,6 @@ class _SharedCache(FunctionCache):  # type: ignore[misc]
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep a kernel on disk, for this and all other processes."""
         try:
-            super().save_overload(signature, compiled)
+            super().save_overload(signature, compiled)  # type: ignore[no-untyped-call]
         finally:
             self._lock.release()

@@ -1,11 +1,11 @@
-"""Kernels are compiled by one process and loaded by the others, also where both want them at once."""
+"""Kernels are compiled by one process and loaded by the others, also where all start at once."""
 
 import os
 import subprocess
 import sys
 
 MODULE = """
-from ostiform.kernels import kernel
+from ostiform.compiled import kernel
 
 @kernel
 def inner(x):
