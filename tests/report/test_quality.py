@@ -17,7 +17,7 @@ from ostiform.evaluation.map_records import (
     sampled_kinks,
 )
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
-from ostiform.report import FailedShape, quality_section
+from ostiform.report import FailedShape, ReadShape, quality_section
 from ostiform.report.quality import FLAGGED_ABOVE, MOST_PICTURES, flagged_measures, modified_scores
 from ostiform.surface import Seam, Surface
 from tests.populations import population, two_part_template
@@ -72,11 +72,11 @@ def map_of(label, angle=1.5):
     )
 
 
-def section(stored, evaluation, odd=None, repairs=None, failed=()):
+def section(stored, evaluation, odd=None, read=None, failed=()):
     maps = [map_of(str(id), 9.0 if i == odd else 1.5) for i, id in enumerate(stored.ids)]
     points = stored.model.mean + np.tensordot(stored.scores, stored.model.modes, axes=1)
     residues = left_out_point_residues(points, stored.model.weights, stored.ids, 3)
-    return quality_section(stored, evaluation, maps, residues, repairs or {}, failed)
+    return quality_section(stored, evaluation, maps, residues, read or {}, failed)
 
 
 def test_the_worst_shape_comes_first_with_its_reason_and_its_picture(stored, evaluation):
@@ -97,9 +97,11 @@ def test_points_that_left_a_region_flag_a_shape(stored, evaluation):
     assert "points have left a region" in reasons[str(stored.ids[2])]
 
 
-def test_repairs_are_counted(stored, evaluation):
-    found = section(stored, evaluation, repairs={str(stored.ids[3]): 2})
-    assert {row[0]: row[-1] for row in found.tables[0].rows}[str(stored.ids[3])] == "2"
+def test_turns_and_repairs_are_told(stored, evaluation):
+    found = section(stored, evaluation, read={str(stored.ids[3]): ReadShape(2, 41.6)})
+    cells = {row[0]: row[-2:] for row in found.tables[0].rows}
+    assert cells[str(stored.ids[3])] == ("42", "2")
+    assert cells[str(stored.ids[4])] == ("", "")
 
 
 def test_without_a_flag_the_leaders_are_shown(stored, evaluation, monkeypatch):

@@ -161,11 +161,15 @@ def fitted_rotation(
     return SurfaceFit(rotation, translation, residual, reflected_residual)
 
 
-def unturned_fit(moving: SurfaceSample, fixed: SurfaceSample) -> tuple[FloatArray, float]:
-    """Return the translation (3,) that lays one centroid on the other, and its residual, mm."""
-    start = np.eye(3), np.zeros(3)
+def fit_at(moving: SurfaceSample, fixed: SurfaceSample, rotation: FloatArray) -> SurfaceFit:
+    """Return how well one surface lies on another, turned by a rotation (3, 3) about its centroid.
+
+    Of the mirror image nothing is said: its residual is infinite.
+    """
+    start = rotation, np.zeros(3)
     _, _, residual = _refined(moving.points, moving.normals, fixed, start, 0)
-    return fixed.centroid - moving.centroid, residual
+    translation = fixed.centroid - rotation @ moving.centroid
+    return SurfaceFit(rotation, translation, residual, np.inf)
 
 
 def _turns_about(

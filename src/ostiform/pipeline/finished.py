@@ -137,11 +137,12 @@ def read_named(
     return [read_prepared(store.path(shape_artifact(ready.name))) for ready, _ in found]
 
 
-def _poses(finished: FinishedModel, new: Sequence[PreparedShape]) -> FloatArray:
+def _poses(study: Study, finished: FinishedModel, new: Sequence[PreparedShape]) -> FloatArray:
     """Return the poses (n, 4, 4) of new shapes in the frame that the domain was laid out in."""
     stored = read_poses(finished.store)
     known = [read_shape(finished.store.path(shape_artifact(slug(one.id)))) for one in stored]
-    found = population_poses([*known, *(one.shape for one in new)])
+    trusted = study.settings.alignment.frame == "files"
+    found = population_poses([*known, *(one.shape for one in new)], trusted)
     anchor = found.reference if found.reference < len(known) else 0
     frame = stored[anchor].transform @ np.linalg.inv(found.transforms[anchor])
     return frozen_floats(frame @ found.transforms[len(known) :], (len(new), 4, 4), "poses")
@@ -166,7 +167,7 @@ def embedded_in(
         for id in finished.correspondence.ids
     ]
     made = []
-    for prepared, pose in zip(shapes, _poses(finished, shapes), strict=True):
+    for prepared, pose in zip(shapes, _poses(study, finished, shapes), strict=True):
         shape, components = prepared.shape, prepared.components
         for component in components:
             if component.name not in spheres:

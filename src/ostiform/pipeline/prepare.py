@@ -40,6 +40,11 @@ POSES = "poses.json"
 HOLES = "holes.json"
 DOMAIN = "domain.json"
 
+FINEST = 10_000
+"""Vertices of a part that are always mapped: 1 to 2 s, where 90,000 take 30 to 600 s."""
+POINT_VERTICES = 4
+"""Vertices of a part for each point of the template: edges half as long as the template's."""
+
 Holes: TypeAlias = Mapping[str, tuple[ConformalHoles, ...]]
 
 
@@ -70,7 +75,7 @@ class Prepared:
     ready : tuple of Ready
         N shapes in study order.
     repairs : mapping of str to tuple of str
-        What was changed on reading, by artifact name; only shapes with repairs.
+        What was changed on reading and for the maps, by artifact name; only shapes with repairs.
     poses : (N, 4, 4) float64
         From input coordinates to the population's frame (column vectors).
     holes : mapping of str to tuple of ConformalHoles
@@ -101,6 +106,7 @@ def prepare_shapes(run: Run) -> Prepared:
         "domain",
         [shape.key for shape in ready],
         settings.pole,
+        settings.alignment.frame,
         settings.domain.model_dump(mode="json"),
     )
     if not run.store.is_current(POSES, key):
@@ -126,7 +132,7 @@ def prepared_shapes(
     Returns
     -------
     found : list of (Ready, tuple of str)
-        The shapes, in study order, and what was changed on reading.
+        The shapes, in study order, and what was changed on reading and for the maps.
     failures : list of Failure
     """
     tasks = [
@@ -159,15 +165,24 @@ class _PrepareTask:
 
 def _prepared(task: _PrepareTask) -> tuple[Ready, tuple[str, ...]]:
     name = task.shape.name
-    key = key_of("prepare", task.shape.key, to_json(task.names))
+    finest = _finest(task.settings)
+    key = key_of("prepare", task.shape.key, to_json(task.names), finest)
     artifact = shape_artifact(name)
     prepared = task.store.read_current(artifact, key, read_prepared)
     if prepared is None:
         opened = load_mapped(task.store.path(opened_artifact(name)), OpenedShape)
-        prepared = prepared_shape(named_shape(task.settings, opened, task.names))
+        prepared = prepared_shape(named_shape(task.settings, opened, task.names), finest)
         with task.store.writing(artifact, key) as path:
             save(path, prepared)
-    return Ready(task.shape.id, name, key), prepared.shape.repairs
+    repairs = (*prepared.shape.repairs, *prepared.repairs)
+    return Ready(task.shape.id, name, key), repairs
+
+
+def _finest(settings: StudySettings) -> int | None:
+    """Return the most vertices that a part is mapped with; None for all that it has."""
+    if not settings.embedding.coarsen:
+        return None
+    return max(FINEST, POINT_VERTICES * settings.template.points)
 
 
 def _poses(run: Run, ready: Sequence[Ready]) -> tuple[ShapePose, ...]:
@@ -175,7 +190,8 @@ def _poses(run: Run, ready: Sequence[Ready]) -> tuple[ShapePose, ...]:
     names = [shape.name for shape in ready]
     for outcome in run.workers.each(_features, names, run.store):
         features[outcome.index] = outcome.result
-    posed = poses_of_features([own for own in features if own is not None])
+    trusted = run.study.settings.alignment.frame == "files"
+    posed = poses_of_features([own for own in features if own is not None], trusted)
     return tuple(
         ShapePose(shape.id, transform, bool(mirrored))
         for shape, transform, mirrored in zip(ready, posed.transforms, posed.mirrored, strict=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ostiform.artifacts import load_mapped
 from ostiform.domain import ComponentOutline, outlined
 from ostiform.study import Shape
-from ostiform.surface import Component, cleaned_for_embedding, welded_components
+from ostiform.surface import Component, cleaned_for_embedding, coarsened, welded_components
 from ostiform.values import value
 
 
@@ -34,8 +34,14 @@ class PreparedShape:
     repairs: tuple[str, ...]
 
 
-def prepared_shape(shape: Shape) -> PreparedShape:
+def prepared_shape(shape: Shape, finest: int | None) -> PreparedShape:
     """Weld the parts of a shape and make its components fit for embedding.
+
+    Parameters
+    ----------
+    shape : Shape
+    finest : int or None
+        A component with more vertices than so many for each of its parts is meshed anew with fewer.
 
     Raises
     ------
@@ -44,11 +50,21 @@ def prepared_shape(shape: Shape) -> PreparedShape:
     """
     welded = welded_components(shape.parts, shape.seams)
     cleaned = [cleaned_for_embedding(component) for component in welded]
+    components = [component for component, _ in cleaned]
+    repairs = [repair for _, repairs in cleaned for repair in repairs]
+    for place, component in enumerate(components):
+        if finest is not None and len(component.vertices) > finest * len(component.parts):
+            coarse, distance = coarsened(component, finest * len(component.parts))
+            components[place] = coarse
+            repairs.append(
+                f"{component.name} meshed anew for its map, {len(component.vertices):,} -> "
+                f"{len(coarse.vertices):,} vertices, at most {distance:.2g} mm away"
+            )
     return PreparedShape(
         shape,
-        tuple(component for component, _ in cleaned),
+        tuple(components),
         tuple(outlined(component) for component in welded),
-        tuple(repair for _, repairs in cleaned for repair in repairs),
+        tuple(repairs),
     )
 
 

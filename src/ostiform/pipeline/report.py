@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ostiform import __version__
 from ostiform.arrays import FloatArray
@@ -40,6 +41,7 @@ from ostiform.pipeline.events import Note, OnEvent, Progress
 from ostiform.pipeline.folder import locked
 from ostiform.pipeline.maps import MAPS, PAPER_CHAIN, chosen_part
 from ostiform.pipeline.model import INTERVALS, LEFT_OUT
+from ostiform.pipeline.prepare import read_poses
 from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.record import RECORD, RunRecord, changed_inputs, read_record
 from ostiform.pipeline.store import Store, file_hash, key_of, slug
@@ -48,6 +50,7 @@ from ostiform.report import (
     FailedShape,
     Page,
     Picture,
+    ReadShape,
     StateView,
     clinical_section,
     correspondence_section,
@@ -197,10 +200,16 @@ def _page(store: Store, record: RunRecord) -> Page:
     shown = stated["shape"] if stated["shape"] in labels else labels[0]
     chain = load(store.path(PAPER_CHAIN), tuple[Embedding, ...])
     view = state_view(shown, chain, stated["part"], domain, facts)
-    repairs = {
-        str(shape.id): len(record.repairs[shape.name])
+    turned = {
+        pose.id: Rotation.from_matrix(pose.transform[:3, :3]).magnitude()
+        for pose in read_poses(store)
+    }
+    read = {
+        str(shape.id): ReadShape(
+            len(record.repairs.get(shape.name, ())), float(np.degrees(turned[shape.id]))
+        )
         for shape in record.shapes
-        if shape.name in record.repairs
+        if shape.id in turned
     }
     return Page(
         title=record.title,
@@ -217,7 +226,7 @@ def _page(store: Store, record: RunRecord) -> Page:
                 evaluations["optimal"],
                 maps.shapes,
                 residues,
-                repairs,
+                read,
                 _failed(store, record),
             ),
             scores_section(stored, dynamics),

@@ -8,8 +8,8 @@ gets the next number in the same commit, and what it feeds is made again with it
 VERSIONS = {
     "demonstration": 1,
     "ingest": 2,
-    "prepare": 1,
-    "domain": 1,
+    "prepare": 2,
+    "domain": 2,
     "embedding": 1,
     "maps": 1,
     "paper chain": 1,

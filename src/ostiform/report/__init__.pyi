@@ -34,6 +34,7 @@ from .population import scores_section as scores_section
 from .population import template_section as template_section
 from .provenance import run_section as run_section
 from .quality import FailedShape as FailedShape
+from .quality import ReadShape as ReadShape
 from .quality import quality_section as quality_section
 from .viewer import viewer_data as viewer_data
 from .viewer import viewer_section as viewer_section

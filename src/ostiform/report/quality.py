@@ -43,6 +43,22 @@ class FailedShape:
     parts: Mapping[str, Surface]
 
 
+@dataclass(frozen=True, slots=True)
+class ReadShape:
+    """What was done to a shape before its map.
+
+    Attributes
+    ----------
+    repairs : int
+        How many there were.
+    turned : float, degrees
+        From the frame of its file to the population's.
+    """
+
+    repairs: int
+    turned: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measure:
     """One number per shape: the larger, the worse."""
@@ -59,7 +75,7 @@ def quality_section(
     evaluation: Evaluation,
     maps: Sequence[MapRecord],
     residues: PointResidues | None,
-    repairs: Mapping[str, int],
+    read: Mapping[str, ReadShape],
     failed: Sequence[FailedShape],
 ) -> Section:
     """Return every shape's quality, the worst first, and what to look at.
@@ -73,8 +89,8 @@ def quality_section(
         Of the same shapes.
     residues : PointResidues or None
         Of the same shapes, where some could be left out.
-    repairs : mapping of str to int
-        Number of repairs by shape; only shapes with repairs.
+    read : mapping of str to ReadShape
+        By shape; empty where the shapes came in correspondence.
     failed : sequence of FailedShape
     """
     measures = _measures(stored, evaluation, maps)
@@ -95,7 +111,7 @@ def quality_section(
             ", ".join(reasons[i]) or "none",
             *(f"{m.factor * m.values[i]:.{m.digits}f}" for m in measures),
             f"{smallest[i]:.2f}",
-            str(repairs.get(labels[i], 0)),
+            *_read_cells(read.get(labels[i])),
         )
         for i in order
     ]
@@ -106,6 +122,7 @@ def quality_section(
             "stands out by",
             *(measure.title for measure in measures),
             "smallest area share ratio",
+            "turned from its file (deg)",
             "repairs",
         ),
         tuple(rows),
@@ -128,6 +145,10 @@ def quality_section(
         ),
         (table,),
     )
+
+
+def _read_cells(read: ReadShape | None) -> tuple[str, str]:
+    return ("", "") if read is None else (f"{read.turned:.0f}", str(read.repairs))
 
 
 def modified_scores(values: FloatArray) -> FloatArray:

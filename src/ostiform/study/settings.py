@@ -164,6 +164,7 @@ class EmbeddingSettings(_Settings):
     """How a component is mapped to its sphere."""
 
     method: Literal["barrier", "harmonic-barrier", "harmonic"] = "barrier"
+    coarsen: bool = True
 
 
 class TemplateSettings(_Settings):
@@ -206,6 +207,7 @@ class AlignmentSettings(_Settings):
 
     mode: Literal["rigid", "similarity", "none"] = "rigid"
     per: Literal["subject", "shape"] | None = None
+    frame: Literal["found", "files"] = "found"
 
 
 class EvaluationSettings(_Settings):

@@ -1,3 +1,4 @@
+from .coarsening import coarsened as coarsened
 from .component import component_parts as component_parts
 from .component import split_ostium_name as split_ostium_name
 from .component import welded_components as welded_components
