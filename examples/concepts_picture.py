@@ -16,8 +16,8 @@ from ostiform.domain import domain_from_json
 from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.store import Store, slug
-from ostiform.report.modes import extents_of, model_views
-from ostiform.report.shading import View, draw_raster, draw_visible_curves, shaded_surface
+from ostiform.report.modes import extents_of
+from ostiform.report.shading import FRONT, View, draw_raster, draw_visible_curves, shaded_surface
 from ostiform.report.style import part_colours
 
 SHOWN = 3
@@ -49,8 +49,7 @@ def main(folder: Path, images: Path) -> None:
     """Draw the picture from a results folder."""
     results, store = ostiform.read_results(folder), Store(folder)
     correspondence, model = results.correspondence, results.model
-    mesh, views = model.mesh, model_views(model)
-    view = views[0]
+    mesh = model.mesh
     subjects = list(dict.fromkeys(id.subject for id in correspondence.ids))
     chosen = [
         next(i for i, id in enumerate(correspondence.ids) if id.subject == subject)
@@ -62,7 +61,7 @@ def main(folder: Path, images: Path) -> None:
     domain = domain_from_json(store.read_json("domain.json"))
     scale = np.sqrt(model.variances[0])
     modes = [model.mean + sd * scale * model.modes[0] for sd in (2.0, 0.0, -2.0)]
-    extent = extents_of((view,), [*correspondence.aligned[chosen], *modes])[0]
+    extent = extents_of((FRONT,), [*correspondence.aligned[chosen], *modes])[0]
 
     figure = Figure(figsize=(12.0, 6.0), dpi=110)
     names = []
@@ -81,7 +80,7 @@ def main(folder: Path, images: Path) -> None:
         axes = panel(figure, 0, row)
         drawn(
             axes,
-            view,
+            FRONT,
             np.vstack(points),
             np.vstack(faces),
             part_colours(np.concatenate(colour)),
@@ -102,10 +101,10 @@ def main(folder: Path, images: Path) -> None:
         )  # fmt: skip
         axes = panel(figure, 2, row)
         own = correspondence.aligned[index]
-        drawn(axes, view, own, mesh.faces, rainbow, [own[loop] for loop in mesh.loops.values()],
+        drawn(axes, FRONT, own, mesh.faces, rainbow, [own[loop] for loop in mesh.loops.values()],
               extent)  # fmt: skip
         axes = panel(figure, 3, row)
-        drawn(axes, view, modes[row], mesh.faces, part_colours(mesh.face_part),
+        drawn(axes, FRONT, modes[row], mesh.faces, part_colours(mesh.face_part),
               [modes[row][loop] for loop in mesh.loops.values()], extent)  # fmt: skip
         axes.text(0.02, 0.04, ("+2 sd", "mean", "\N{MINUS SIGN}2 sd")[row],
                   transform=axes.transAxes, fontsize=10, color=EDGE)  # fmt: skip

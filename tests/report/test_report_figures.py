@@ -21,13 +21,14 @@ from ostiform.report.curves import (
 )
 from ostiform.report.distortions import distortion_figure, seam_figure
 from ostiform.report.maps import MapPanel, map_figure
-from ostiform.report.modes import model_views, modes_figure
+from ostiform.report.modes import modes_figure
 from ostiform.report.point_pictures import (
     PointColumn,
     points_figure,
     shapes_figure,
     surfaces_figure,
 )
+from ostiform.report.shading import ALL_ROUND, FRONT, LEFT
 from ostiform.study import ShapeId
 from ostiform.surface import Surface
 from tests.populations import population, two_part_template
@@ -59,14 +60,15 @@ def test_evidence_without_residues_has_no_empty_panel():
     assert [axes.get_title() for axes in drawing.axes] == ["Compactness", "Specificity"]
 
 
-def test_modes_show_the_second_part_above_the_first_from_two_sides(model):
-    front, side = model_views(model)
-    for view in (front, side):
-        seen = view.seen(model.mean)
-        assert seen[model.mesh.part == 1, 1].mean() > seen[model.mesh.part == 0, 1].mean()
-        np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
-        np.testing.assert_allclose(np.linalg.det(view.axes), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(front.axes[2] @ side.axes[2], 0.0, atol=1e-12)
+def test_shapes_are_seen_upright_from_four_sides():
+    head, left, nose = np.eye(3)[2], np.eye(3)[0], -np.eye(3)[1]  # in LPS
+    for view in ALL_ROUND:
+        np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(view.axes) == pytest.approx(1.0)
+        assert view.seen(head).tolist() == [0.0, 1.0, 0.0]
+    assert FRONT.seen(nose)[2] == 1.0  # nearest to the eye
+    assert FRONT.seen(left)[0] == 1.0  # who faces us has the left hand on our right
+    assert LEFT.seen(left)[2] == 1.0
 
 
 def test_modes_are_drawn_at_five_places_from_two_sides(model):

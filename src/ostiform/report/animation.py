@@ -17,9 +17,9 @@ from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
 from ostiform.model import ShapeModel
-from ostiform.report.modes import extents_of, model_views
+from ostiform.report.modes import extents_of
 from ostiform.report.raster import Raster
-from ostiform.report.shading import ON_SURFACE, View, shaded_surface
+from ostiform.report.shading import ON_SURFACE, VIEWS, View, shaded_surface
 from ostiform.report.style import part_colours
 
 FRAMES = 20
@@ -116,7 +116,7 @@ def cycle_animation(
     Parameters
     ----------
     model : ShapeModel
-        Gives the mesh and the views.
+        Gives the mesh.
     shapes : (T, P, 3) float64, mm
         Over one cycle, the last before the first again.
     times : (T,) float64
@@ -139,7 +139,7 @@ def animation_of(
     Parameters
     ----------
     model : ShapeModel
-        Gives the mesh and the views.
+        Gives the mesh.
     shapes : (T, P, 3) float64, mm
     captions : (T,) sequence of str
     seconds : float
@@ -155,8 +155,7 @@ def animation_of(
             f"an animation: expected at least one shape and a caption for each, found "
             f"{len(shapes)} shapes and {len(captions)} captions"
         )
-    views = model_views(model)
-    extents = extents_of(views, list(shapes))
+    extents = extents_of(VIEWS, list(shapes))
     colours = part_colours(model.mesh.face_part)
     aspect = (extents[0, 1] - extents[0, 0]) / (extents[0, 3] - extents[0, 2])
     size = (2 * max(1, round(HEIGHT * aspect / 2.0)), HEIGHT)
@@ -164,7 +163,7 @@ def animation_of(
     frames = []
     for points, caption in zip(shapes, captions, strict=True):
         panels = []
-        for view, extent in zip(views, extents, strict=True):
+        for view, extent in zip(VIEWS, extents, strict=True):
             picture = shaded_surface(view, points, model.mesh.faces, colours, extent, size)
             loops = [points[loop] for loop in model.mesh.loops.values()]
             panels.append(_with_curves(picture, view, loops))

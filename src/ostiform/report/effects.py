@@ -12,8 +12,13 @@ from matplotlib.figure import Figure
 from ostiform.arrays import BoolArray, FloatArray
 from ostiform.model import ShapeModel
 from ostiform.report.html import Fact, Page, Picture, Section, Table
-from ostiform.report.modes import extents_of, model_views
-from ostiform.report.shading import View, draw_raster, draw_visible_curves, shaded_surface
+from ostiform.report.modes import extents_of
+from ostiform.report.shading import (
+    ALL_ROUND,
+    draw_raster,
+    draw_visible_curves,
+    shaded_surface,
+)
 from ostiform.report.style import COLOURS, PRINT_DPI, figure, plain_figure, styled
 from ostiform.statistics import FieldEffect, ScoreTest, ShapeEffect
 
@@ -69,21 +74,20 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect | FieldEffect, column: 
     column : int
         Of the design: which category against the reference.
     """
-    views = _all_round(model)
     if isinstance(effect, ShapeEffect):
         surface, rows = effect.shape_mean, _movements(effect, column)
     else:
         surface, rows = model.mean, _changes(effect, column, len(model.mean))
-    extents = extents_of(views, [surface])
+    extents = extents_of(ALL_ROUND, [surface])
     height = PANEL_MM * float((extents[0, 3] - extents[0, 2]) / (extents[0, 1] - extents[0, 0]))
     size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
-    wide, high = PANEL_MM * len(views) + LABEL_MM, height * len(rows) + TITLE_MM
+    wide, high = PANEL_MM * len(ALL_ROUND) + LABEL_MM, height * len(rows) + TITLE_MM
     with styled():
         drawing = plain_figure(wide, high)
         for number, row in enumerate(rows):
             colours = row.corner_colours(model)
             bottom = (len(rows) - 1 - number) * height
-            for column, (view, extent) in enumerate(zip(views, extents, strict=True)):
+            for column, (view, extent) in enumerate(zip(ALL_ROUND, extents, strict=True)):
                 box = (column * PANEL_MM / wide, bottom / high, PANEL_MM / wide, height / high)
                 axes = drawing.add_axes(box)
                 picture = shaded_surface(view, surface, model.mesh.faces, colours, extent, size)
@@ -92,7 +96,7 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect | FieldEffect, column: 
                 draw_visible_curves(axes, picture, view, loops, RIM, 0.6)
                 if number == 0:
                     axes.set_title(view.name, pad=2.0)
-            left = PANEL_MM * len(views) + 0.15 * LABEL_MM
+            left = PANEL_MM * len(ALL_ROUND) + 0.15 * LABEL_MM
             bar = drawing.add_axes(
                 (left / wide, (bottom + 0.15 * height) / high, 3.0 / wide, 0.7 * height / high)
             )
@@ -242,15 +246,3 @@ def _table(effect: ShapeEffect | FieldEffect, subject: str) -> Table:
 
 def _p_text(p_value: float) -> str:
     return f"{p_value:.4f}" if p_value >= 0.001 else f"{p_value:.1e}"
-
-
-def _all_round(model: ShapeModel) -> tuple[View, ...]:
-    """Return the two views of a model and those from behind them."""
-    behind = np.array([-1.0, 1.0, -1.0])[:, None]
-    front, side = model_views(model)
-    return (
-        front,
-        side,
-        View(behind * front.axes, "back"),
-        View(behind * side.axes, "other side"),
-    )

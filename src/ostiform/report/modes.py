@@ -1,4 +1,4 @@
-"""Pictures of the modes of variation (HY Fig. 3), and from where a model is seen."""
+"""Pictures of the modes of variation (HY Fig. 3)."""
 
 from collections.abc import Sequence
 
@@ -9,12 +9,12 @@ from matplotlib.patches import Patch
 from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
 from ostiform.report.shading import (
+    VIEWS,
     View,
     draw_raster,
     draw_scale_bar,
     draw_visible_curves,
     shaded_surface,
-    two_views,
 )
 from ostiform.report.style import (
     PART_COLOURS,
@@ -33,22 +33,6 @@ TALLEST = 1.6
 """Height of a panel against its width, at most."""
 
 
-def model_views(model: ShapeModel) -> tuple[View, View]:
-    """Return two views of a model a quarter turn apart, the second part above the first.
-
-    A model of one part is seen with its widest opening up; a closed one along its axes.
-    """
-    centres = [model.mean[model.mesh.part == index].mean(axis=0) for index in _parts(model)]
-    if len(centres) > 1:
-        upward = centres[1] - centres[0]
-    elif model.mesh.loops:
-        widest = max(model.mesh.loops.values(), key=lambda loop: _perimeter(model.mean[loop]))
-        upward = model.mean[widest].mean(axis=0) - centres[0]
-    else:
-        upward = np.linalg.svd(model.mean - centres[0], full_matrices=False)[2][0]
-    return two_views(model.mean, upward)
-
-
 def modes_figure(
     model: ShapeModel, mode: int, deviations: tuple[float, ...] = (-3.0, -2.0, 0.0, 2.0, 3.0)
 ) -> Figure:
@@ -64,11 +48,10 @@ def modes_figure(
     deviations : tuple of float
         In standard deviations.
     """
-    views = model_views(model)
     colours = part_colours(model.mesh.face_part)
     scale = float(np.sqrt(model.variances[mode]))
     shapes = [model.mean + sd * scale * model.modes[mode] for sd in deviations]
-    extents = extents_of(views, shapes)
+    extents = extents_of(VIEWS, shapes)
     sides = extents[:, 1::2] - extents[:, ::2]  # (views, 2): all panels have the same scale
     height = PANEL_MM * float(sides[0, 1] / sides[0, 0])
     parts = _parts(model)
@@ -76,7 +59,7 @@ def modes_figure(
     with styled():
         drawing = plain_figure(PANEL_MM * len(deviations), 2 * height + TITLE_MM + below)
         grid = grid_of_panels(
-            drawing, len(views), len(deviations), PANEL_MM, height, TITLE_MM, bottom_mm=below
+            drawing, len(VIEWS), len(deviations), PANEL_MM, height, TITLE_MM, bottom_mm=below
         )
         if below:
             patches = [
@@ -90,7 +73,7 @@ def modes_figure(
                 handles=patches, loc="lower center", ncols=len(parts), borderaxespad=0.2, fontsize=8
             )
         size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
-        for row, view in enumerate(views):
+        for row, view in enumerate(VIEWS):
             for column, (sd, points) in enumerate(zip(deviations, shapes, strict=True)):
                 axes = grid[row][column]
                 faces = model.mesh.faces
@@ -98,7 +81,7 @@ def modes_figure(
                 draw_raster(axes, picture)
                 loops = [points[loop] for loop in model.mesh.loops.values()]
                 draw_visible_curves(axes, picture, view, loops, "#1b2733")
-                if column == 0 and row == len(views) - 1:
+                if column == 0 and row == len(VIEWS) - 1:
                     draw_scale_bar(axes, extents[row])
                 if row == 0:
                     axes.set_title("mean" if sd == 0 else f"{_signed(sd)} sd", pad=2.0)
@@ -111,10 +94,6 @@ def _signed(value: float) -> str:
 
 def _parts(model: ShapeModel) -> list[int]:
     return [i for i in range(len(model.mesh.parts)) if (model.mesh.part == i).any()]
-
-
-def _perimeter(loop: FloatArray) -> float:
-    return float(np.linalg.norm(loop - np.roll(loop, 1, axis=0), axis=1).sum())
 
 
 def extents_of(views: Sequence[View], shapes: Sequence[FloatArray]) -> FloatArray:

@@ -11,15 +11,15 @@ from matplotlib.figure import Figure
 
 from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
-from ostiform.report.modes import extents_of, model_views
+from ostiform.report.modes import extents_of
 from ostiform.report.shading import (
     AMBIENT,
-    View,
+    FRONT,
+    VIEWS,
     draw_raster,
     draw_scale_bar,
     draw_visible_curves,
     shaded_surface,
-    two_views,
 )
 from ostiform.report.style import (
     PRINT_DPI,
@@ -81,8 +81,7 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
     columns : sequence of PointColumn
         At least one.
     """
-    views = model_views(model)
-    extents = extents_of(views, [model.mean])
+    extents = extents_of(VIEWS, [model.mean])
     height = _height(extents[0])
     loops = [model.mean[loop] for loop in model.mesh.loops.values()]
     with styled():
@@ -92,7 +91,7 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
         grid = grid_of_panels(drawing, 2, len(columns), PANEL_MM, height, TITLE_MM, GAP_MM, BAR_MM)
         for index, column in enumerate(columns):
             colours = _coloured(model, column.values, column.largest, column.smallest)
-            for row, view in enumerate(views):
+            for row, view in enumerate(VIEWS):
                 axes = grid[row][index]
                 picture = shaded_surface(
                     view,
@@ -134,8 +133,7 @@ def shapes_figure(
     largest : float, mm
         Upper end of the scale of the errors.
     """
-    view = model_views(model)[0]
-    extent = extents_of((view,), list(shapes))[0]
+    extent = extents_of((FRONT,), list(shapes))[0]
     height = _height(extent)
     rows = 1 if errors is None else 2
     bottom = 0.0 if errors is None else BAR_MM
@@ -154,10 +152,10 @@ def shapes_figure(
             for row, (colours, ambient) in enumerate(coloured):
                 axes = grid[row][index]
                 picture = shaded_surface(
-                    view, points, model.mesh.faces, colours, extent, _size(height), ambient
+                    FRONT, points, model.mesh.faces, colours, extent, _size(height), ambient
                 )
                 draw_raster(axes, picture)
-                draw_visible_curves(axes, picture, view, loops, LINE)
+                draw_visible_curves(axes, picture, FRONT, loops, LINE)
                 if index == 0 and row == rows - 1:
                     draw_scale_bar(axes, extent)
             grid[0][index].set_title(_broken(title), pad=2.0, fontsize=7)
@@ -186,27 +184,17 @@ def surfaces_figure(surfaces: Sequence[tuple[str, Mapping[str, Surface]]]) -> Fi
                 [p.faces + o for p, o in zip(parts.values(), offsets[:-1], strict=True)]
             )
             numbers = np.repeat(np.arange(len(parts)), [len(p.faces) for p in parts.values()])
-            view = _view_of(list(parts.values()), vertices)
-            extent = extents_of((view,), [vertices])[0]
+            extent = extents_of((FRONT,), [vertices])[0]
             extent = _fitted(extent, height / PANEL_MM)
             picture = shaded_surface(
-                view, vertices, faces, part_colours(numbers), extent, _size(height)
+                FRONT, vertices, faces, part_colours(numbers), extent, _size(height)
             )
             draw_raster(axes, picture)
             loops = [p.vertices[loop] for p in parts.values() for loop in p.loops.values()]
-            draw_visible_curves(axes, picture, view, loops, LINE)
+            draw_visible_curves(axes, picture, FRONT, loops, LINE)
             draw_scale_bar(axes, extent)
             axes.set_title(_broken(title), pad=2.0, fontsize=7)
     return drawing
-
-
-def _view_of(parts: Sequence[Surface], vertices: FloatArray) -> View:
-    """The second part above the first; one part alone along its longest axis."""
-    centres = [part.vertices[part.faces].mean(axis=(0, 1)) for part in parts]
-    upward = centres[min(1, len(parts) - 1)] - centres[0]
-    if not upward.any():
-        upward = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2][0]
-    return two_views(vertices, upward)[0]
 
 
 def _fitted(extent: FloatArray, proportion: float) -> FloatArray:

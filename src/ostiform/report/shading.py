@@ -42,28 +42,14 @@ class View:
         return coordinates
 
 
-def two_views(points: FloatArray, upward: FloatArray) -> tuple[View, View]:
-    """Return two views a quarter turn apart about an axis that points up in the picture.
+FRONT = View(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]), "from the front")
+LEFT = View(np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]), "from the left")
+BEHIND = View(np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), "from behind")
+RIGHT = View(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]), "from the right")
+VIEWS = (FRONT, LEFT)
+"""From where shapes are seen: superior is up, as the frame of the files (LPS) says."""
 
-    Parameters
-    ----------
-    points : (n, 3) float64
-        What will be seen; its widest extent across the axis lies in the plane of the first view.
-    upward : (3,) float64
-        The axis, of any length above zero.
-    """
-    up = upward / np.linalg.norm(upward)
-    across = points - points.mean(axis=0)
-    across = across - np.outer(across @ up, up)
-    right = np.linalg.svd(across, full_matrices=False)[2][0]
-    right = right - (right @ up) * up
-    right = right / np.linalg.norm(right)
-    right = right * (1.0 if right[np.argmax(np.abs(right))] > 0 else -1.0)  # a definite side
-    eye = np.cross(right, up)
-    return (
-        View(np.stack([right, up, eye]), "front"),
-        View(np.stack([-eye, up, right]), "side"),
-    )
+ALL_ROUND = (*VIEWS, BEHIND, RIGHT)
 
 
 def shaded_surface(

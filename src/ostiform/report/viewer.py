@@ -26,8 +26,8 @@ from ostiform.model import (
     truncated,
 )
 from ostiform.report.html import Picture, Section
-from ostiform.report.modes import model_views
 from ostiform.report.point_pictures import PointColumn, points_figure
+from ostiform.report.shading import VIEWS
 from ostiform.report.style import PART_COLOURS
 
 SLIDERS = 6
@@ -172,7 +172,6 @@ def viewer_data(
     basis = truncated(full, count)
     deviations = np.sqrt(np.maximum(basis.variances, np.finfo(np.float64).tiny))
     mesh = basis.mesh
-    front, side = model_views(basis)
     # Parts one after the other, so that each is one run of triangles.
     order = np.argsort(mesh.face_part, kind="stable")
     data: dict[str, Any] = {
@@ -190,7 +189,7 @@ def viewer_data(
             for index, name in enumerate(mesh.parts)
         ],
         "openings": [_indices(loop) for loop in mesh.loops.values()],
-        "views": [_rounded(view.axes) for view in (front, side)],
+        "views": [_rounded(view.axes) for view in VIEWS],
         "sets": _mode_sets(basis, full.total_variance, dynamic),
         "shapes": [
             {"subject": id.subject, "phase": id.phase, "scores": _rounded(scores)}
