@@ -97,7 +97,10 @@ def test_triangles_are_grouped_by_part(data, stored):
         tuple(face) for face in mesh.faces[mesh.face_part == 0]
     }
     assert sum(part["faces"] for part in data["parts"]) == len(mesh.faces)
-    assert len(data["openings"]) == len(mesh.loops)
+    assert [data["parts"][opening["part"]]["name"] for opening in data["openings"]] == [
+        name.split(".")[0] for name in mesh.loops
+    ]
+    assert not any(part["encloses"] for part in data["parts"])
 
 
 def test_without_phases_there_is_one_set_and_no_cycle(stored):

@@ -31,7 +31,7 @@ export function readModel(text) {
     mean: numbersOf(raw.mean),
     basis: raw.basis.map(numbersOf),
     faces: indicesOf(raw.faces),
-    openings: raw.openings.map(indicesOf),
+    openings: raw.openings.map(({ part, loop }) => ({ part, loop: indicesOf(loop) })),
     error: raw.error && numbersOf(raw.error),
     fields: raw.fields.map((field) => ({
       ...field,

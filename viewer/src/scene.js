@@ -27,6 +27,7 @@ const FIELD_OF_VIEW = 30;
 const INSIDE = 0.5; // brightness of the inside, seen through an opening
 const MARGIN = 1.12; // of the picture's half height over that of the mean shape
 const TURN = Math.PI / 24; // per key
+const SEE_THROUGH = 0.22; // opacity
 const WITHOUT = '#dbdee0'; // points without a value
 const OVERLAY = '#d55e00';
 
@@ -92,7 +93,15 @@ export class Picture {
     this.back = new Mesh(geometry, this.materials.part.back);
     this.wires = new Mesh(
       geometry,
-      new MeshBasicMaterial({ wireframe: true, color: '#000000', transparent: true, opacity: 0.28 }),
+      model.parts.map(
+        () =>
+          new MeshBasicMaterial({
+            wireframe: true,
+            color: '#000000',
+            transparent: true,
+            opacity: 0.28,
+          }),
+      ),
     );
     this.wires.visible = false;
     this.scene.add(this.front, this.back, this.wires);
@@ -101,11 +110,13 @@ export class Picture {
   buildOpenings() {
     this.openings = new Group();
     this.lineMaterial = new LineBasicMaterial({ color: '#1b2733' });
-    this.model.openings.forEach((loop) => {
+    this.model.openings.forEach(({ part, loop }) => {
       const geometry = new BufferGeometry();
       geometry.setAttribute('position', this.geometry.getAttribute('position'));
       geometry.setIndex(new BufferAttribute(loop, 1));
-      this.openings.add(new LineLoop(geometry, this.lineMaterial));
+      const line = new LineLoop(geometry, this.lineMaterial);
+      line.userData.part = part;
+      this.openings.add(line);
     });
     this.scene.add(this.openings);
   }
@@ -248,6 +259,24 @@ export class Picture {
     }
     this.front.material = this.materials[kind].front;
     this.back.material = this.materials[kind].back;
+  }
+
+  // look: 'solid', 'see-through' or 'hidden'.
+  setPart(index, look) {
+    const { part, scalar } = this.materials;
+    [part.front, part.back, scalar.front, scalar.back].forEach((materials) => {
+      const material = materials[index];
+      material.visible = look !== 'hidden';
+      material.transparent = look === 'see-through';
+      material.opacity = material.transparent ? SEE_THROUGH : 1;
+      material.depthWrite = !material.transparent;
+      material.needsUpdate = true;
+    });
+    this.wires.material[index].visible = look !== 'hidden';
+    this.openings.children
+      .filter((line) => line.userData.part === index)
+      .forEach((line) => Object.assign(line, { visible: look !== 'hidden' }));
+    this.draw();
   }
 
   moved() {

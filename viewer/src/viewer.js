@@ -129,6 +129,7 @@ class Viewer {
       this.modeControls(),
       ...(model.cycles.length ? [this.cycleControls()] : []),
       this.lookControls(),
+      ...(model.parts.length > 1 ? [this.partControls()] : []),
       ...(model.shapes.length ? [this.shapeControls()] : []),
     );
     root.append(this.stage, this.form);
@@ -219,6 +220,22 @@ class Viewer {
       element('div', { className: 'row' }, wires, openings),
       element('div', { className: 'row' }, ...views),
     );
+  }
+
+  // Parts that lie round others would hide them.
+  partControls() {
+    const looks = ['solid', 'see-through', 'hidden'];
+    const labels = this.model.parts.map(({ name, encloses }, index) => {
+      const [label, select] = choice(`${name} `, looks, (chosen) =>
+        this.picture.setPart(index, looks[chosen]),
+      );
+      if (encloses) {
+        select.value = '1';
+        this.picture.setPart(index, looks[1]);
+      }
+      return label;
+    });
+    return group('Parts', ...labels);
   }
 
   shapeControls() {

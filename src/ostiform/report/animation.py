@@ -17,6 +17,7 @@ from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.errors import InputError
 from ostiform.model import ShapeModel
+from ostiform.report.cutaway import drawn_faces
 from ostiform.report.modes import extents_of
 from ostiform.report.raster import Raster
 from ostiform.report.shading import ON_SURFACE, VIEWS, View, shaded_surface
@@ -157,14 +158,16 @@ def animation_of(
         )
     extents = extents_of(VIEWS, list(shapes))
     colours = part_colours(model.mesh.face_part)
+    shown = [drawn_faces(model, view) for view in VIEWS]
     aspect = (extents[0, 1] - extents[0, 0]) / (extents[0, 3] - extents[0, 2])
     size = (2 * max(1, round(HEIGHT * aspect / 2.0)), HEIGHT)
     font = _font()
     frames = []
     for points, caption in zip(shapes, captions, strict=True):
         panels = []
-        for view, extent in zip(VIEWS, extents, strict=True):
-            picture = shaded_surface(view, points, model.mesh.faces, colours, extent, size)
+        for view, extent, drawn in zip(VIEWS, extents, shown, strict=True):
+            faces = model.mesh.faces[drawn]
+            picture = shaded_surface(view, points, faces, colours[drawn], extent, size)
             loops = [points[loop] for loop in model.mesh.loops.values()]
             panels.append(_with_curves(picture, view, loops))
         frames.append(_captioned(np.concatenate(panels, axis=1), caption, font))

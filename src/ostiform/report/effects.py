@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ostiform.arrays import BoolArray, FloatArray
 from ostiform.model import ShapeModel
+from ostiform.report.cutaway import drawn_faces
 from ostiform.report.html import Fact, Page, Picture, Section, Table
 from ostiform.report.modes import extents_of
 from ostiform.report.shading import (
@@ -90,7 +91,10 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect | FieldEffect, column: 
             for column, (view, extent) in enumerate(zip(ALL_ROUND, extents, strict=True)):
                 box = (column * PANEL_MM / wide, bottom / high, PANEL_MM / wide, height / high)
                 axes = drawing.add_axes(box)
-                picture = shaded_surface(view, surface, model.mesh.faces, colours, extent, size)
+                drawn = drawn_faces(model, view)
+                picture = shaded_surface(
+                    view, surface, model.mesh.faces[drawn], colours[drawn], extent, size
+                )
                 draw_raster(axes, picture)
                 loops = [surface[loop] for loop in model.mesh.loops.values()]
                 draw_visible_curves(axes, picture, view, loops, RIM, 0.6)

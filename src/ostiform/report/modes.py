@@ -8,6 +8,7 @@ from matplotlib.patches import Patch
 
 from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
+from ostiform.report.cutaway import drawn_faces
 from ostiform.report.shading import (
     VIEWS,
     View,
@@ -74,10 +75,11 @@ def modes_figure(
             )
         size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
         for row, view in enumerate(VIEWS):
+            drawn = drawn_faces(model, view)
+            faces = model.mesh.faces[drawn]
             for column, (sd, points) in enumerate(zip(deviations, shapes, strict=True)):
                 axes = grid[row][column]
-                faces = model.mesh.faces
-                picture = shaded_surface(view, points, faces, colours, extents[row], size)
+                picture = shaded_surface(view, points, faces, colours[drawn], extents[row], size)
                 draw_raster(axes, picture)
                 loops = [points[loop] for loop in model.mesh.loops.values()]
                 draw_visible_curves(axes, picture, view, loops, "#1b2733")

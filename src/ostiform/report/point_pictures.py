@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ostiform.arrays import FloatArray
 from ostiform.model import ShapeModel
+from ostiform.report.cutaway import drawn_faces
 from ostiform.report.modes import extents_of
 from ostiform.report.shading import (
     AMBIENT,
@@ -84,6 +85,7 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
     extents = extents_of(VIEWS, [model.mean])
     height = _height(extents[0])
     loops = [model.mean[loop] for loop in model.mesh.loops.values()]
+    shown = [drawn_faces(model, view) for view in VIEWS]
     with styled():
         drawing = plain_figure(
             len(columns) * (PANEL_MM + GAP_MM), 2 * (height + GAP_MM) + TITLE_MM + BAR_MM
@@ -93,11 +95,12 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
             colours = _coloured(model, column.values, column.largest, column.smallest)
             for row, view in enumerate(VIEWS):
                 axes = grid[row][index]
+                drawn = shown[row]
                 picture = shaded_surface(
                     view,
                     model.mean,
-                    model.mesh.faces,
-                    colours,
+                    model.mesh.faces[drawn],
+                    colours[drawn],
                     extents[row],
                     _size(height),
                     CODED_AMBIENT,
@@ -139,6 +142,8 @@ def shapes_figure(
     bottom = 0.0 if errors is None else BAR_MM
     parts = part_colours(model.mesh.face_part)
     names = _names_height(titles)
+    drawn = drawn_faces(model, FRONT)
+    faces = model.mesh.faces[drawn]
     with styled():
         drawing = plain_figure(
             len(titles) * (PANEL_MM + GAP_MM), rows * (height + GAP_MM) + names + bottom
@@ -152,7 +157,7 @@ def shapes_figure(
             for row, (colours, ambient) in enumerate(coloured):
                 axes = grid[row][index]
                 picture = shaded_surface(
-                    FRONT, points, model.mesh.faces, colours, extent, _size(height), ambient
+                    FRONT, points, faces, colours[drawn], extent, _size(height), ambient
                 )
                 draw_raster(axes, picture)
                 draw_visible_curves(axes, picture, FRONT, loops, LINE)

@@ -126,10 +126,10 @@ def draw_scale_bar(axes: Axes, extent: FloatArray) -> None:
     x, y = left + 0.03 * (right - left), bottom + 0.02 * (top - bottom)
     axes.plot([x, x + length], [y, y], color="#1b2733", linewidth=1.5, solid_capstyle="butt")
     axes.text(
-        x + 0.5 * length,
+        x,  # from the bar's left end: a short bar's label would be cut off
         y + 0.01 * (top - bottom),
         f"{length:g} mm",
-        ha="center",
+        ha="left",
         va="bottom",
         fontsize=7,
     )

@@ -25,10 +25,12 @@ from ostiform.model import (
     resampled_cycle,
     truncated,
 )
+from ostiform.report.cutaway import enclosed_parts
 from ostiform.report.html import Picture, Section
 from ostiform.report.point_pictures import PointColumn, points_figure
 from ostiform.report.shading import VIEWS
 from ostiform.report.style import PART_COLOURS
+from ostiform.surface import split_ostium_name
 
 SLIDERS = 6
 FRAMES = 24
@@ -172,6 +174,7 @@ def viewer_data(
     basis = truncated(full, count)
     deviations = np.sqrt(np.maximum(basis.variances, np.finfo(np.float64).tiny))
     mesh = basis.mesh
+    enclosing = enclosed_parts(basis)
     # Parts one after the other, so that each is one run of triangles.
     order = np.argsort(mesh.face_part, kind="stable")
     data: dict[str, Any] = {
@@ -185,10 +188,14 @@ def viewer_data(
                 "name": name,
                 "colour": PART_COLOURS[index % len(PART_COLOURS)],
                 "faces": int((mesh.face_part == index).sum()),
+                "encloses": index in enclosing,
             }
             for index, name in enumerate(mesh.parts)
         ],
-        "openings": [_indices(loop) for loop in mesh.loops.values()],
+        "openings": [
+            {"part": mesh.parts.index(split_ostium_name(name)[0]), "loop": _indices(loop)}
+            for name, loop in mesh.loops.items()
+        ],
         "views": [_rounded(view.axes) for view in VIEWS],
         "sets": _mode_sets(basis, full.total_variance, dynamic),
         "shapes": [
