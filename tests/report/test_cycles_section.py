@@ -7,6 +7,7 @@ import pytest
 
 from ostiform.errors import ArtifactError
 from ostiform.evaluation import (
+    ClinicalTable,
     clinical_table,
     dynamic_evaluation_facts,
     evaluate_dynamic_model,
@@ -23,8 +24,9 @@ from ostiform.model import (
 from ostiform.pipeline.dynamics import read_dynamics, write_dynamics
 from ostiform.pipeline.store import Store
 from ostiform.report import clinical_section, cycles_section
-from ostiform.report.cycles import clinical_figure
-from ostiform.study import StudySettings
+from ostiform.report.cycles import _panels, _size_name, clinical_figure
+from ostiform.report.style import percent
+from ostiform.study import ShapeId, StudySettings
 from tests.populations import population, two_part_template
 
 
@@ -96,6 +98,33 @@ def test_an_opening_that_two_parts_share_is_drawn_once():
     titles = [axes.get_title() for axes in clinical_figure(table).axes]
     assert sum("mitral" in title for title in titles) == 1
     assert "LA.vein: area (mm²)" in titles
+
+
+def test_parts_with_underscores_keep_their_names():
+    names = (
+        "LA_volume_ml",
+        "LA_wall_volume_ml",
+        "LA_wall_left_vein_area_mm2",
+        "LA_mitral_area_mm2",
+    )
+    ids = tuple(ShapeId("s", str(k), k / 3) for k in range(3))
+    table = ClinicalTable(ids, names, np.random.default_rng(0).uniform(1.0, 2.0, (3, 4)))
+    assert [_size_name(table, name) for name in names] == [
+        "LA volume (ml)",
+        "LA_wall volume (ml)",
+        "LA_wall.left_vein area (mm²)",
+        "LA.mitral area (mm²)",
+    ]
+    drawn = [title for panel in _panels(table) for _, title in panel]
+    assert drawn == ["LA.mitral: area (mm²)", "LA_wall.left_vein: area (mm²)"]
+
+
+def test_what_rounds_to_zero_has_no_sign():
+    assert [percent(share) for share in (-0.0004, 0.0, -0.012)] == [
+        "0.0",
+        "0.0",
+        "\N{MINUS SIGN}1.2",
+    ]
 
 
 def test_a_population_without_phases_has_sizes_but_no_motion(tmp_path):

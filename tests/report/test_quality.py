@@ -1,5 +1,6 @@
 """Shape by shape: who stands out, in what order, and the kink across seams after the warps."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from ostiform.evaluation.map_records import (
 )
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
 from ostiform.report import FailedShape, ReadShape, quality_section
-from ostiform.report.quality import FLAGGED_ABOVE, MOST_PICTURES, flagged_measures, modified_scores
+from ostiform.report.quality import MOST_PICTURES, flagged_measures, modified_scores
 from ostiform.surface import Seam, Surface
 from tests.populations import population, two_part_template
 
@@ -33,15 +34,36 @@ def test_modified_scores_are_those_of_a_normal_sample_and_ignore_an_outlier():
     np.testing.assert_allclose(modified_scores(spoiled)[:-1], modified_scores(sample), atol=0.01)
 
 
+def flagged(values, subjects):
+    return flagged_measures(modified_scores(np.asarray(values))[:, None], list(subjects))[
+        :, 0
+    ].tolist()
+
+
 def test_a_population_all_alike_has_no_outlier():
-    values = np.array([1.0, 1.0, 1.0, 1.0, 1.01])
-    assert not flagged_measures(modified_scores(values)[:, None]).any()
-    assert not flagged_measures(modified_scores(np.zeros(5))[:, None]).any()
+    assert not any(flagged([1.0, 1.0, 1.0, 1.0, 1.01], "abcde"))
+    assert not any(flagged(np.zeros(5), "abcde"))
 
 
-def test_three_shapes_have_no_outlier():
-    assert not flagged_measures(np.full((3, 1), 2 * FLAGGED_ABOVE)).any()
-    assert flagged_measures(np.full((4, 1), 2 * FLAGGED_ABOVE)).all()
+def test_the_fourth_of_four_is_no_outlier_the_fifth_of_five_may_be():
+    values = [1.0, 1.1, 1.2, 1.1, 9.0]
+    assert not any(flagged(values[1:], "bcde"))
+    assert flagged(values, "abcde") == [False] * 4 + [True]
+
+
+def test_of_a_subject_that_differs_its_worst_phase_alone_is_flagged():
+    rng = np.random.default_rng(2)
+    levels = np.array([1.0, 1.1, 0.9, 1.0, 1.05, 5.0])
+    values = (levels[:, None] + 0.02 * rng.normal(size=(6, 9))).ravel()
+    subjects = [name for name in "abcdef" for _ in range(9)]
+    assert np.flatnonzero(flagged(values, subjects)).tolist() == [int(values.argmax())]
+    assert not any(flagged(values[18:], subjects[18:]))
+
+
+def test_single_phases_are_flagged_among_few_subjects_too():
+    values = np.linspace(0.9, 1.1, 18)
+    values[4] += 1.0
+    assert np.flatnonzero(flagged(values, ["a"] * 9 + ["b"] * 9)).tolist() == [4]
 
 
 @pytest.fixture(scope="module")
@@ -108,14 +130,18 @@ def test_without_a_flag_the_leaders_are_shown(stored, evaluation, monkeypatch):
     monkeypatch.setattr("ostiform.report.quality.FLAGGED_ABOVE", np.inf)
     found = section(stored, evaluation)
     assert found.pictures[0].caption.startswith("No shape is flagged")
+    titles = " ".join(axes.get_title() for axes in found.pictures[0].figure.axes)
+    assert "farthest from the mean" in titles
+    assert "badly covered" not in titles
     assert found.paragraphs[0].startswith("0 of 12 shapes stand out")
 
 
 def test_more_flagged_shapes_than_fit_are_named_in_the_caption(stored, evaluation, monkeypatch):
     monkeypatch.setattr("ostiform.report.quality.FLAGGED_ABOVE", -np.inf)
-    monkeypatch.setattr("ostiform.report.quality.MOST_PICTURES", 5)
+    monkeypatch.setattr("ostiform.report.quality.FEWEST_SUBJECTS", 4)
+    monkeypatch.setattr("ostiform.report.quality.MOST_PICTURES", 3)
     found = section(stored, evaluation)
-    assert "the first 5; 7 more are in the table" in found.pictures[0].caption
+    assert re.search(r"the first 3; \d more are in the table", found.pictures[0].caption)
     assert MOST_PICTURES > 5
 
 

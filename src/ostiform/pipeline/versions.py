@@ -24,7 +24,7 @@ VERSIONS = {
     "fold": 2,
     "evaluation": 2,
     "animations": 1,
-    "report": 1,
+    "report": 2,
     "run": 1,
     "failures": 1,
 }

@@ -10,6 +10,7 @@ from ostiform.report.html import Picture, Section, Table
 from ostiform.report.style import (
     MARKERS,
     SUBJECT_COLOURS,
+    decimal,
     figure,
     percent,
     shortened,
@@ -222,13 +223,13 @@ def _panels(table: ClinicalTable) -> list[list[tuple[str, str]]]:
             for suffix, label in MEASURES.items()
             if f"{part}_{suffix}" in table.columns
         ]
-        areas = [n for n in table.columns if n.startswith(f"{part}_") and n.endswith("_area_mm2")]
+        areas = [n for n in table.columns if n.endswith("_area_mm2") and _owner(table, n) == part]
         areas = [n for n in areas if not any(_is_same(table, n, m) for m in drawn_areas)]
         if areas:
             widest = max(areas, key=lambda name: float(table.column(name).mean()))
             drawn_areas.append(widest)
-            opening = widest.removesuffix("_area_mm2").replace("_", ".", 1)
-            shown.append((widest, f"{opening}: area (mm²)"))
+            opening = widest.removesuffix("_area_mm2").removeprefix(f"{part}_")
+            shown.append((widest, f"{part}.{opening}: area (mm²)"))
         if shown:
             panels.append(shown)
     return panels or [[(name, name) for name in table.columns[:1]]]
@@ -248,7 +249,7 @@ def _clinical_table(table: ClinicalTable) -> Table:
         cells = []
         for name in shown:
             values = table.column(name)[own]
-            cells.append(f"{values[np.abs(values).argmax()]:.1f}".replace("-", "\N{MINUS SIGN}"))
+            cells.append(decimal(float(values[np.abs(values).argmax()]), 1))
         rows.append((str(subject), *cells))
     return Table(
         "Largest over the cycle", ("subject", *(_heading(name) for name in shown)), tuple(rows)
@@ -285,10 +286,16 @@ def _size_name(table: ClinicalTable, column: str) -> str | None:
     """Return ``LA.RSPV area (mm²)`` for ``LA_RSPV_area_mm2``; None for what is no size."""
     for suffix, text in SIZES.items():
         if column.endswith(suffix):
-            owner = column.removesuffix(suffix)
-            of_part = f"{owner}_volume_ml" in table.columns
-            return f"{owner if of_part else owner.replace('_', '.', 1)} {text}"
+            named, part = column.removesuffix(suffix), _owner(table, column)
+            opening = named.removeprefix(part).removeprefix("_")
+            return f"{part}.{opening} {text}" if opening else f"{part} {text}"
     return None
+
+
+def _owner(table: ClinicalTable, column: str) -> str:
+    """Return the part that a column is about: the longest that its name begins with."""
+    parts = [name.removesuffix("_volume_ml") for name in table.columns if name.endswith("_ml")]
+    return max((part for part in parts if column.startswith(f"{part}_")), key=len, default="")
 
 
 def _heading(column: str) -> str:

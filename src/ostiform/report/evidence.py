@@ -204,8 +204,8 @@ def evidence_section(
                     for kind, item in evaluations.items()
                 },
             ),
-            "Analysis of variance, leave-one-subject-out residue (mean surface distance, both "
-            "ways) and specificity of the three models (compare Fig. 4 of the paper). "
+            "Analysis of variance, residue of left-out shapes (mean surface distance, both ways) "
+            "and specificity of the three models (compare Fig. 4 of the paper). "
             + (
                 "Bands: 95 % intervals over subjects, by the jackknife for the variance and t for "
                 "the residue; sampling error for the specificity."

@@ -8,7 +8,7 @@ from ostiform.evaluation import (
     GainInterval,
 )
 from ostiform.report.html import Table
-from ostiform.report.style import KIND_NAMES, percent
+from ostiform.report.style import KIND_NAMES, decimal, percent
 
 
 def model_table(evaluations: Mapping[str, Evaluation]) -> Table:
@@ -117,7 +117,7 @@ def gain_table(comparisons: Sequence[Comparison], intervals: Mapping[str, GainIn
 
 
 def _signed(value: float, digits: int = 3) -> str:
-    return f"{value:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    return decimal(value, digits, "+")
 
 
 def interval_text(interval: GainInterval | None) -> str:

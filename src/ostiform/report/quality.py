@@ -15,6 +15,9 @@ from ostiform.surface import Surface
 FLAGGED_ABOVE = 3.5
 """Modified z-score of an outlier (Iglewicz and Hoaglin 1993)."""
 
+FEWEST_SUBJECTS = 5
+"""Among fewer, the one that differs most is no outlier."""
+
 LEAST_SPREAD = 0.05
 """Of the median: a population more alike than this has no outliers worth a flag."""
 
@@ -65,6 +68,8 @@ class _Measure:
 
     title: str
     short: str
+    leads: str
+    """What is said of the largest value where none is flagged."""
     values: FloatArray
     digits: int
     factor: float = 1.0
@@ -94,8 +99,9 @@ def quality_section(
     failed : sequence of FailedShape
     """
     measures = _measures(stored, evaluation, maps)
+    subjects = [shape.subject for shape in stored.ids]
     scores = np.stack([modified_scores(measure.values) for measure in measures], axis=1)  # (N, M)
-    flags = flagged_measures(scores)
+    flags = flagged_measures(scores, subjects)
     smallest = np.array([item.smallest_share_ratio for item in evaluation.coverage])
     reasons = [
         [measures[m].short for m in np.flatnonzero(flags[i])]
@@ -130,8 +136,9 @@ def quality_section(
     )
     text = (
         f"{len(flagged)} of {len(labels)} shapes stand out. A shape is flagged where a number lies "
-        f"more than {FLAGGED_ABOVE} robust standard deviations above the median of the population, "
-        f"or where its smallest area share ratio is below {LEAST_AREA_SHARE}. A flag asks for a "
+        f"more than {FLAGGED_ABOVE} robust standard deviations above the median of all, or where "
+        f"its smallest area share ratio is below {LEAST_AREA_SHARE}; of a subject of which most "
+        f"phases are, the worst, among at least {FEWEST_SUBJECTS} subjects. A flag asks for a "
         "look, not for removal: the hearts that differ most are flagged too. Twist is the angle by "
         "which a tube (a vein, an outflow tract) is turned on its way to its circle."
     )
@@ -169,11 +176,24 @@ def modified_scores(values: FloatArray) -> FloatArray:
     return scores
 
 
-def flagged_measures(scores: FloatArray) -> BoolArray:
-    """Return which modified scores (N, M) are those of outliers; none below four shapes."""
-    if len(scores) < 4:
-        return np.zeros(scores.shape, dtype=np.bool_)
+def flagged_measures(scores: FloatArray, subjects: Sequence[str]) -> BoolArray:
+    """Return which modified scores (N, M) are those of outliers.
+
+    Where most phases of a subject are, it is the subject that stands out: its worst phase alone is
+    flagged, among at least `FEWEST_SUBJECTS`.
+
+    Parameters
+    ----------
+    scores : (N, M) float64
+    subjects : (N,) sequence of str
+    """
     found: BoolArray = scores > FLAGGED_ABOVE
+    names, owner = np.unique(np.asarray(subjects), return_inverse=True)
+    for subject in range(len(names)):
+        own = np.flatnonzero(owner == subject)
+        for m in np.flatnonzero(2 * found[own].sum(axis=0) > len(own)):
+            found[own, m] = False
+            found[own[scores[own, m].argmax()], m] = len(names) >= FEWEST_SUBJECTS
     return found
 
 
@@ -187,12 +207,14 @@ def _measures(
         _Measure(
             "map: angle distortion, mean",
             "distorted map",
+            "largest angle distortion",
             np.array([max(c.distortion.angle_mean for c in item.components) for item in maps]),
             2,
         ),
         _Measure(
             "map: largest twist (deg)",
             "twisted tube",
+            "largest twist",
             np.array(
                 [
                     max(
@@ -208,6 +230,7 @@ def _measures(
         _Measure(
             "surface missed by the points, at most (% of the diameter)",
             "badly covered",
+            "largest distance from the points",
             np.array([item.relative_maximum for item in evaluation.coverage]),
             2,
             100.0,
@@ -215,10 +238,17 @@ def _measures(
         _Measure(
             "distance from the mean (mm, RMS)",
             "far from the mean",
+            "farthest from the mean",
             np.sqrt((stored.scores**2).sum(axis=1)),
             2,
         ),
-        _Measure("scores (sd, RMS over 95 % of the variance)", "unusual scores", unusual, 2),
+        _Measure(
+            "scores (sd, RMS over 95 % of the variance)",
+            "unusual scores",
+            "largest scores",
+            unusual,
+            2,
+        ),
     ]
     if evaluation.generalisation is not None:
         some = evaluation.generalisation.mode_counts > 0
@@ -227,6 +257,7 @@ def _measures(
             _Measure(
                 "surface residue, left out (mm)",
                 "large left-out residue",
+                "largest left-out residue",
                 evaluation.generalisation.surface_mean[:, some].mean(axis=1),
                 2,
             ),
@@ -246,7 +277,7 @@ def _pictures(
     if not said:
         leaders: dict[int, list[str]] = {}
         for measure in measures:
-            leaders.setdefault(int(np.argmax(measure.values)), []).append(measure.short)
+            leaders.setdefault(int(np.argmax(measure.values)), []).append(measure.leads)
         said = {i: "\n".join([labels[i], *names]) for i, names in leaders.items()}
     shown = list(said)
     largest = 0.0

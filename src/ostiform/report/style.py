@@ -118,4 +118,12 @@ def shortened(name: str, length: int = 26) -> str:
 
 def percent(share: float) -> str:
     """Return a share as percent, without the sign for it."""
-    return f"{100 * share:.1f}".replace("-", "\N{MINUS SIGN}")
+    return decimal(100.0 * share, 1)
+
+
+def decimal(value: float, digits: int, sign: str = "") -> str:
+    """Return a number as text, with a true minus sign and none for what rounds to zero.
+
+    `sign` is "+" where positive numbers have one.
+    """
+    return f"{value:{sign}z.{digits}f}".replace("-", "\N{MINUS SIGN}")

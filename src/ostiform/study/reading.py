@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -29,12 +30,18 @@ from ostiform.study.survey import ShapeSurvey, shape_survey
 from ostiform.surface import (
     Seam,
     Surface,
+    component_parts,
     counted,
+    crossing_depth,
     default_tolerance,
     loop_gap,
+    median_edge_length,
     sewn_seam,
     split_ostium_name,
 )
+
+_CROSSING = 0.5
+"""Surfaces that pass through each other by less than this share of an edge are not told."""
 
 
 def opened_shape(study: Study, entry: ShapeEntry) -> OpenedShape:
@@ -140,8 +147,28 @@ def _finished(
 ) -> Shape:
     surfaces, seam_repairs = _sewn(settings, surfaces)
     repairs = [f"{part}: {repair}" for part, item in parts.items() for repair in item.repairs]
-    said = (*opened.notes, *repairs, *notes, *seam_repairs)
+    crossing = _crossing_components(settings, surfaces)
+    said = (*opened.notes, *repairs, *notes, *seam_repairs, *crossing)
     return Shape(opened.id, surfaces, settings.seam_pairs, said)
+
+
+def _crossing_components(settings: StudySettings, surfaces: Mapping[str, Surface]) -> list[str]:
+    """Say which parts that no seam joins pass through each other."""
+    groups = component_parts(settings.part_names, settings.seam_pairs)
+    told = []
+    for one, two in combinations(surfaces, 2):
+        if any(one in group and two in group for group in groups):
+            continue
+        first, second = surfaces[one], surfaces[two]
+        depth, place = crossing_depth(
+            (first.vertices, first.faces), (second.vertices, second.faces)
+        )
+        if depth > _CROSSING * median_edge_length(first.vertices, first.faces):
+            where = ", ".join(f"{x + 0.0:.1f}" for x in place.round(1))
+            told.append(
+                f"{one} and {two} pass through each other, by up to {depth:.1f} mm at [{where}] mm"
+            )
+    return told
 
 
 def _opened_parts(

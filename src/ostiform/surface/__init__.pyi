@@ -22,6 +22,7 @@ from .handles import short_handle_curve as short_handle_curve
 from .hygiene import cleaned_for_embedding as cleaned_for_embedding
 from .interpolation import interpolated_at as interpolated_at
 from .interpolation import prevailing_at as prevailing_at
+from .intersections import crossing_depth as crossing_depth
 from .intersections import crossing_triangles as crossing_triangles
 from .legacy_vtk import read_legacy_vtk as read_legacy_vtk
 from .location import SphereLocator as SphereLocator
