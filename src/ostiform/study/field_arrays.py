@@ -25,6 +25,9 @@ from ostiform.surface import (
     surface_tree,
 )
 
+OFF_SURFACE = 0.01
+"""Of the size of a surface: what is mapped may be a coarser mesh, and leave it a little."""
+
 
 def surface_fields(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawMesh]:
     """Return the surface of every part of a shape as its file has it, with the study's fields.
@@ -88,7 +91,7 @@ def values_at(
 
     Numbers at vertices are interpolated linearly, of labels the one that weighs most at the point
     is taken, and of cells the value of the cell that holds it. A point farther from the surface
-    than a median edge lies on what was closed, where nothing was measured.
+    than a median edge and 1 % of its size lies on what was closed, where nothing was measured.
 
     Parameters
     ----------
@@ -107,7 +110,9 @@ def values_at(
         for name, values in mesh.point_data.items()
     }
     found |= {name: values[closest.faces] for name, values in mesh.cell_data.items()}
-    off = closest.distances > median_edge_length(mesh.vertices, mesh.faces)
+    size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.faces], axis=(0, 1))))
+    reach = max(median_edge_length(mesh.vertices, mesh.faces), OFF_SURFACE * size)
+    off = closest.distances > reach
     return {name: np.where(off, np.nan, values) for name, values in found.items()}
 
 
