@@ -82,7 +82,7 @@ def test_a_minimal_study_takes_the_defaults():
         "batch": None,
         "seed": 0,
     }
-    assert settings.alignment.model_dump() == {"mode": "rigid", "per": None}
+    assert settings.alignment.model_dump() == {"mode": "rigid", "per": None, "frame": "found"}
     assert settings.evaluation.model_dump() == {
         "modes": 10,
         "folds": None,
