@@ -306,7 +306,7 @@ def _residues(case: Case, placement: Placement) -> tuple[float, ...]:
     results = [
         fold_residues(
             fold,
-            lambda asked: {placement.method: by_fold[asked]},
+            lambda asked: [(placement.method, by_fold[asked])],
             [case.original(index) for index in fold.test],
         )
         for fold in by_fold

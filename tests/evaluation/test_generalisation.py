@@ -50,18 +50,11 @@ def place(shapes, fold, noise=0.0):
     rng = np.random.default_rng(1)
     wrong = shapes.aligned[train] + noise * rng.normal(size=shapes.aligned[train].shape)
     mesh = mesh_of_template(shapes.template)
-    return {
-        "conformal": PlacedFold(
-            wrong, shapes.weights, mesh, shapes.points[test], shapes.transforms[test]
-        ),
-        "optimal": PlacedFold(
-            shapes.aligned[train],
-            shapes.weights,
-            mesh,
-            shapes.points[test],
-            shapes.transforms[test],
-        ),
-    }
+    for kind, aligned in (("conformal", wrong), ("optimal", shapes.aligned[train])):
+        yield (
+            kind,
+            PlacedFold(aligned, shapes.weights, mesh, shapes.points[test], shapes.transforms[test]),
+        )
 
 
 @pytest.fixture(scope="module")

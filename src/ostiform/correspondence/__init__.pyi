@@ -2,6 +2,7 @@ from .alignment import AlignmentMode as AlignmentMode
 from .alignment import align as align
 from .build import build_shared_metric as build_shared_metric
 from .build import correspond as correspond
+from .build import corresponded as corresponded
 from .checkpoint import Checkpoint as Checkpoint
 from .checkpoint import LevelStatus as LevelStatus
 from .checkpoint import Population as Population

@@ -1,13 +1,13 @@
 """From embedded shapes to the three models of the paper in one run (HY 2.3, 3; design 5, 6)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import align
-from ostiform.correspondence.checkpoint import Callbacks, Checkpoint, Progress, Save
+from ostiform.correspondence.checkpoint import Callbacks, Checkpoint, Population, Progress, Save
 from ostiform.correspondence.fields import circle_table
 from ostiform.correspondence.frozen import FrozenLevel, FrozenModel
 from ostiform.correspondence.hierarchy import (
@@ -117,9 +117,24 @@ def correspond(
     *,
     resumed: Sequence[Checkpoint] = (),
     save: Save | None = None,
-    surveyed: int | None = None,
 ) -> Mapping[Kind, TrainedCorrespondence]:
-    """Build the conformal, the minimum-Euclidean and the optimal model in one run.
+    """Return the three models of `corresponded`, by kind."""
+    models = corresponded(shapes, ids, shared, settings, progress, resumed=resumed, save=save)
+    return {model.kind: model for model in models}
+
+
+def corresponded(
+    shapes: GivenShapes,
+    ids: Sequence[ShapeId],
+    shared: SharedMetric,
+    settings: CorrespondenceSettings,
+    progress: Progress | None = None,
+    *,
+    resumed: Sequence[Checkpoint] = (),
+    save: Save | None = None,
+    surveyed: int | None = None,
+) -> Iterator[TrainedCorrespondence]:
+    """Build the conformal, the minimum-Euclidean and the optimal model in one run, one by one.
 
     Each starts from the one before. The objective is evaluated on a coarse level of the template;
     all points are carried along by the same warps.
@@ -155,14 +170,15 @@ def correspond(
         shared.template.points, (len(ids), *shared.template.points.shape)
     )
     population = first_population(problem, template_points)
-    trained: dict[Kind, TrainedCorrespondence] = {
-        "conformal": _trained("conformal", problem, template_points, ids, shared, ())
-    }
-    first = euclidean_level(problem, population, callbacks)
-    trained["euclidean"] = _trained("euclidean", problem, _directions(first), ids, shared, (first,))
-    results = (first, *optimal_levels(problem, first.end.population, callbacks))
-    template, directions = _relaxed(problem, results, _warps(ids, results), surveyed or len(ids))
-    trained["optimal"] = _trained(
+    yield _trained("conformal", problem, template_points, ids, shared, ())
+    first, population = euclidean_level(problem, population, callbacks)
+    yield _trained("euclidean", problem, _directions(population), ids, shared, (first,))
+    finer, population = optimal_levels(problem, population, callbacks)
+    results = (first, *finer)
+    start = problem.template, _directions(population)
+    del population
+    template, directions = _relaxed(problem, start, _warps(ids, results), surveyed or len(ids))
+    yield _trained(
         "optimal",
         _on_template(problem, template),
         directions,
@@ -170,18 +186,16 @@ def correspond(
         replace(shared, template=template),
         results,
     )
-    return trained
 
 
 def _relaxed(
-    problem: Problem, results: Sequence[LevelResult], warps: Warps, most: int
+    problem: Problem, first: tuple[Template, FloatArray], warps: Warps, most: int
 ) -> tuple[Template, FloatArray]:
     """Return the template with its points relaxed in common, and where the warps carry them.
 
     They are relaxed to cover so many shapes at most. Points at the corners of triangles that come
     out squeezed are put back.
     """
-    first = problem.template, _directions(results[-1])
     count = len(warps.ids)
     chosen = np.linspace(0, count - 1, min(most, count)).round().astype(int).tolist()
     template = relaxed(
@@ -207,7 +221,7 @@ def _carried(_shape: ShapeSampler, warp: Warp, template: Template) -> FloatArray
 
 def _warps(ids: Sequence[ShapeId], results: Sequence[LevelResult]) -> Warps:
     bases = tuple(result.basis for result in results)
-    return Warps(tuple(ids), bases, tuple(result.end.steps for result in results))
+    return Warps(tuple(ids), bases, tuple(result.steps for result in results))
 
 
 def _check_population(shapes: GivenShapes, ids: Sequence[ShapeId]) -> None:
@@ -289,8 +303,8 @@ def _on_template(problem: Problem, template: Template) -> Problem:
     return replace(problem, template=template, coarse=coarse, index=index, marks=marks)
 
 
-def _directions(result: LevelResult) -> FloatArray:
-    return np.stack([state.directions for state in result.end.population.states])
+def _directions(population: Population) -> FloatArray:
+    return np.stack([state.directions for state in population.states])
 
 
 def _trained(
@@ -336,8 +350,8 @@ def _trained(
         shared_metric=shared,
         frozen=frozen,
         warps=_warps(ids, results),
-        history=tuple(record for result in results for record in result.end.records),
-        statuses=tuple(result.end.status for result in results if result.end.status is not None),
+        history=tuple(record for result in results for record in result.records),
+        statuses=tuple(result.status for result in results if result.status is not None),
         coherence=results[-1].coherence if results else 0.0,
         interior=results[-1].interior if results else None,
         boundary=results[-1].boundary if results else None,

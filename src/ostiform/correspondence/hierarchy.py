@@ -7,7 +7,13 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import align
-from ostiform.correspondence.checkpoint import Callbacks, Checkpoint, Population
+from ostiform.correspondence.checkpoint import (
+    Callbacks,
+    Checkpoint,
+    LevelStatus,
+    Population,
+    SweepRecord,
+)
 from ostiform.correspondence.conjugate_gradient import conjugate_gradient_sweep
 from ostiform.correspondence.control_points import (
     ControlPoints,
@@ -53,6 +59,7 @@ from ostiform.correspondence.terms.distance import (
 from ostiform.correspondence.terms.landmarks import TemplateMarks
 from ostiform.correspondence.terms.metric import MetricTerm
 from ostiform.correspondence.terms.quadratic_form import QuadraticForm
+from ostiform.correspondence.warp import Steps
 from ostiform.domain import Template
 
 REPEATS = 5
@@ -116,8 +123,10 @@ class LevelResult:
 
     Attributes
     ----------
-    end : Checkpoint
-        With the steps, the records and the status.
+    steps : Steps
+    records : tuple of SweepRecord
+    status : LevelStatus or None
+        As in `Checkpoint`, without its population: the next level begins with that.
     basis : FieldBasis
     interior, boundary : ControlPoints
     l_cut : float
@@ -126,7 +135,9 @@ class LevelResult:
         Strength of the level's coherence term.
     """
 
-    end: Checkpoint
+    steps: Steps
+    records: tuple[SweepRecord, ...]
+    status: LevelStatus | None
     basis: FieldBasis
     interior: ControlPoints
     boundary: ControlPoints
@@ -149,8 +160,10 @@ def first_population(problem: Problem, directions: FloatArray) -> Population:
     return replace(population, transforms=found.transforms)
 
 
-def euclidean_level(problem: Problem, population: Population, callbacks: Callbacks) -> LevelResult:
-    """Return level 1: every shape as near as its penalty allows to the medoid.
+def euclidean_level(
+    problem: Problem, population: Population, callbacks: Callbacks
+) -> tuple[LevelResult, Population]:
+    """Return level 1 and where it ends: every shape as near as its penalty allows to the medoid.
 
     The fields are few and smooth: six conformal fields per sphere (rotations and boosts, cut off
     at the circles) and the sliding of every circle as a whole.
@@ -173,13 +186,16 @@ def euclidean_level(problem: Problem, population: Population, callbacks: Callbac
 
     objective = _objective(problem, level, charged, take)
     end = _swept(problem, population, level, ("euclidean", 1), objective, callbacks)
-    return LevelResult(end, level.basis, *control, problem.l_cut, 0.0)
+    left = LevelResult(
+        end.steps, end.records, end.status, level.basis, *control, problem.l_cut, 0.0
+    )
+    return left, end.population
 
 
 def optimal_levels(
     problem: Problem, population: Population, callbacks: Callbacks
-) -> tuple[LevelResult, ...]:
-    """Return levels 2 and finer: the description length of the whole set and its coherence.
+) -> tuple[tuple[LevelResult, ...], Population]:
+    """Return levels 2 and finer, and where they end: description length of all, and coherence.
 
     The cut-off is annealed over the levels: see `annealed_cut_offs`. Where the points of the
     finest level describe the shapes at greater length than those of the conformal start did,
@@ -219,10 +235,10 @@ def optimal_levels(
         level = level_of(problem, _basis(problem, interior, boundary))
         objective = _length_objective(problem, level, l_cut, coherence, rng)
         end = _swept(problem, population, level, ("optimal", number), objective, callbacks)
-        result = LevelResult(end, level.basis, interior, boundary, l_cut, strength)
-        population = result.end.population
-        results.append(result)
-    return tuple(results)
+        population = end.population
+        left = end.steps, end.records, end.status
+        results.append(LevelResult(*left, level.basis, interior, boundary, l_cut, strength))
+    return tuple(results), population
 
 
 def _length_over_start(problem: Problem, population: Population) -> float:

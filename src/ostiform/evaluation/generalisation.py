@@ -143,7 +143,7 @@ def shape_residues(
 
 def fold_residues(
     fold: Fold,
-    place: Callable[[Fold], Mapping[str, PlacedFold]],
+    place: Callable[[Fold], Iterable[tuple[str, PlacedFold]]],
     originals: Sequence[OriginalMesh],
     mode_counts: Sequence[int] = MODE_COUNTS,
 ) -> FoldResidues:
@@ -155,7 +155,8 @@ def fold_residues(
     ----------
     fold : Fold
     place : callable
-        Builds the models from ``fold.train`` and places ``fold.test``, by kind of model.
+        Builds the models from ``fold.train`` and places ``fold.test``, with the kind of model: one
+        after the other, so that no two need be held.
     originals : sequence of OriginalMesh
         Of the test shapes, in the order of ``fold.test``.
     mode_counts : sequence of int
@@ -167,7 +168,7 @@ def fold_residues(
     """
     residues = {}
     surfaces = [compared_surface(original.vertices, original.faces) for original in originals]
-    for kind, placed in place(fold).items():
+    for kind, placed in place(fold):
         if not len(placed.points) == len(placed.transforms) == len(originals) == len(fold.test):
             raise InputError(
                 f"fold {fold.label}: expected {len(fold.test)} placed shapes with their original "

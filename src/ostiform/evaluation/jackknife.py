@@ -78,9 +78,10 @@ def cumulative_variance_error(scores: FloatArray, subjects: Sequence[str]) -> Fl
 
     def cumulative(kept: IntArray) -> FloatArray:
         own = scores[kept] - scores[kept].mean(axis=0)
-        singular = np.linalg.svd(own, compute_uv=False)
+        # The eigenvalues of the products are the squares of the singular values, for a third.
+        products = own @ own.T if len(own) < count else own.T @ own
         padded = np.zeros(count)
-        padded[: len(singular)] = singular[:count] ** 2 / (len(own) - 1.0)
+        padded[: len(products)] = np.linalg.eigvalsh(products)[::-1] / (len(own) - 1.0)
         return np.cumsum(padded)
 
     half = _half_width(cumulative, subjects)

@@ -6,7 +6,7 @@ all three also in ``optimal/`` where the results of a build have them; ``scores.
 was concluded).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -282,17 +282,18 @@ def _generalisation(
         return None
     folds = cross_validation_folds(shapes.ids)
 
-    def placed(fold: Fold) -> Mapping[str, PlacedFold]:
+    def placed(fold: Fold) -> Iterator[tuple[str, PlacedFold]]:
         train, test = list(fold.train), list(fold.test)
-        return {
-            "optimal": PlacedFold(
+        yield (
+            "optimal",
+            PlacedFold(
                 aligned=shapes.aligned[train],
                 weights=shapes.weights,
                 mesh=shapes.mesh,
                 points=shapes.points[test],
                 transforms=shapes.transforms[test],
-            )
-        }
+            ),
+        )
 
     mode_counts = folds.mode_counts(MODE_COUNTS[-1])
     residues = [

@@ -19,7 +19,7 @@ from ostiform.correspondence import (
     SweepRecord,
     TrainedCorrespondence,
     build_shared_metric,
-    correspond,
+    corresponded,
 )
 from ostiform.errors import InputError
 from ostiform.model import write_correspondence, write_warps
@@ -95,15 +95,14 @@ def correspond_shapes(run: Run, prepared: Prepared, embedded: Embedded) -> Corre
             run.on_event(Progress("correspond", min(done, total - 1), total, detail))
 
         shared_metric = build_shared_metric(shapes, ids, prepared.domain, poses, settings)
-        trained = correspond(
+        for model in corresponded(
             shapes, ids, shared_metric, settings, on_sweep, resumed=resumed, save=unfinished.save
-        )
-        for kind in KINDS:
-            with run.store.writing(f"{kind}/correspondence.h5", key) as path:
-                write_correspondence(path, trained[kind].correspondence)
-        with run.store.writing(WARPS, key) as path:
-            write_warps(path, trained["optimal"].frozen, trained["optimal"].warps)
-        run.store.write_json(FACTS, key, _facts(trained["optimal"], settings))
+        ):
+            with run.store.writing(f"{model.kind}/correspondence.h5", key) as path:
+                write_correspondence(path, model.correspondence)
+        with run.store.writing(WARPS, key) as path:  # of the last, the optimal model
+            write_warps(path, model.frozen, model.warps)
+        run.store.write_json(FACTS, key, _facts(model, settings))
         run.on_event(Progress("correspond", total, total))
     unfinished.remove()
     facts = run.store.read_json(FACTS)

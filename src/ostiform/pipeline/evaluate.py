@@ -5,7 +5,7 @@ Artifacts: ``folds/N.json`` (residues of the shapes left out of one fold),
 on, where they stand is in ``unfinished/``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
 
@@ -18,7 +18,7 @@ from ostiform.correspondence import (
     CorrespondenceSettings,
     Kind,
     build_shared_metric,
-    correspond,
+    corresponded,
     place,
 )
 from ostiform.demo import material_coordinates, read_truth, true_positions
@@ -237,14 +237,16 @@ def _unfinished(task: _FoldTask) -> Unfinished:
     return Unfinished(task.store, f"fold-{task.number}", task.key)
 
 
-def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
-    """Build the three models without a fold's shapes and place these in them."""
+def _placed(task: _FoldTask, fold: Fold) -> Iterator[tuple[str, PlacedFold]]:
+    """Build the three models without a fold's shapes, one by one, and place these in them."""
     training = task.stored.chosen(fold.train)
     ids = [task.shapes[index].id for index in fold.train]
     poses = task.poses[list(fold.train)]
     shared_metric = build_shared_metric(training, ids, task.stored.domain, poses, task.settings)
     unfinished = _unfinished(task)
-    trained = correspond(
+    left_out = task.stored.chosen(fold.test)
+    of_test = [task.shapes[index].id for index in fold.test]
+    for model in corresponded(
         training,
         ids,
         shared_metric,
@@ -252,20 +254,18 @@ def _placed(task: _FoldTask, fold: Fold) -> dict[str, PlacedFold]:
         resumed=unfinished.checkpoints(),
         save=unfinished.save,
         surveyed=SURVEYED,
-    )
-    left_out = task.stored.chosen(fold.test)
-    of_test = [task.shapes[index].id for index in fold.test]
-    placed = {}
-    for kind, model in trained.items():
+    ):
         result = place(left_out, of_test, model.frozen)
-        placed[str(kind)] = PlacedFold(
-            model.correspondence.aligned,
-            model.correspondence.weights,
-            mesh_of_template(model.correspondence.template),
-            result.points,
-            result.transforms,
+        yield (
+            model.kind,
+            PlacedFold(
+                model.correspondence.aligned,
+                model.correspondence.weights,
+                mesh_of_template(model.correspondence.template),
+                result.points,
+                result.transforms,
+            ),
         )
-    return placed
 
 
 @dataclass(frozen=True, slots=True, eq=False)

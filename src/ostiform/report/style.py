@@ -36,6 +36,7 @@ MM3_PER_ML: Final = 1000.0
 SETTINGS: Final[dict[Any, Any]] = {
     "font.size": 9,
     "axes.titlesize": 10,
+    "axes.titley": 1.0,  # else every drawing measures all labels of ticks to put titles above them
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
