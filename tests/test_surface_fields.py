@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nibabel.gifti.gifti import GiftiDataArray, GiftiImage
 
 from ostiform.api.results import read_results
 from ostiform.demo.demonstration import write_demonstration
@@ -19,6 +20,7 @@ from ostiform.study import (
     ShapeEntry,
     ShapeId,
     field_mesh,
+    other_arrays,
     parsed_settings,
     read_study,
     surface_fields,
@@ -322,6 +324,95 @@ def test_a_shape_that_is_reflected_takes_its_values_along(square, tmp_path):
 def test_what_is_no_field_is_told(square, text, words):
     with pytest.raises(InputError, match=words):
         square[1](text, [[0.5, 0.0, 0.0]])
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property float f
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0 0
+1 0 0 1
+1 1 0 2
+0 1 0 1
+3 0 1 2
+3 0 2 3
+"""
+VTK = """# vtk DataFile Version 3.0
+square
+ASCII
+DATASET POLYDATA
+POINTS 4 float
+0 0 0 1 0 0 1 1 0 0 1 0
+POLYGONS 2 8
+3 0 1 2
+3 0 2 3
+POINT_DATA 4
+SCALARS f float 1
+LOOKUP_TABLE default
+0 1 2 1
+"""
+
+
+def written_square(path, mesh):
+    """Write the square with x + y as the point array f, or its regions, as a format has it."""
+    sums = mesh.vertices[:, 0] + mesh.vertices[:, 1]
+    if path.suffix == ".gii":
+        arrays = [
+            GiftiDataArray(mesh.vertices.astype(np.float32), "NIFTI_INTENT_POINTSET"),
+            GiftiDataArray(mesh.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE"),
+            GiftiDataArray(sums.astype(np.float32), "NIFTI_INTENT_SHAPE", meta={"Name": "f"}),
+        ]
+        path.write_bytes(GiftiImage(darrays=arrays).to_bytes())
+    elif path.suffix == ".elem":
+        path.write_text("2\nTr 0 1 2 7\nTr 0 2 3 8\n")
+        points = "\n".join(" ".join(f"{1000 * x:g}" for x in row) for row in mesh.vertices)
+        path.with_suffix(".pts").write_text(f"4\n{points}\n")
+    elif path.suffix == ".vtp":
+        write_surface(path, mesh.vertices, mesh.faces, {"f": sums})
+    else:
+        path.write_text(PLY if path.suffix == ".ply" else VTK)
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtk", ".ply", ".gii", ".elem"])
+def test_every_format_that_holds_arrays_gives_fields(square, tmp_path, suffix):
+    written_square(tmp_path / f"a{suffix}", square[0])
+    region = suffix == ".elem"
+    settings = parsed_settings(
+        f'schema = 1\nframe = "{"RAS" if suffix == ".gii" else "LPS"}"\n'
+        f'[shapes]\npattern = "{{subject}}{suffix}"\n[parts.P]\n[fields]\n'
+        + ('f = {kind = "label", array = "region"}' if region else "f = {}")
+    )
+    entry = ShapeEntry(ShapeId("a", "0", 0.0), {"P": tmp_path / f"a{suffix}"}, {})
+    surface = surface_fields(settings, entry)["P"]
+    points = np.array([[0.5, 0.25, 0.0], [0.25, 0.5, 0.0]]) * (
+        [-1.0, -1.0, 1.0] if suffix == ".gii" else 1.0
+    )
+    found = values_at(surface, settings.fields, points)["f"]
+    np.testing.assert_allclose(found, [7, 8] if region else [0.75, 0.75], rtol=1e-6)
+    assert other_arrays(settings, entry) == ()
+
+
+def test_parts_of_one_joined_mesh_have_its_arrays(square, tmp_path):
+    mesh, _ = square
+    write_surface(tmp_path / "a.vtp", mesh.vertices, mesh.faces, cell_data=mesh.cell_data)
+    settings = parsed_settings(
+        'schema = 1\n[shapes]\npattern = "{subject}.vtp"\njoined = true\n'
+        '[parts.P]\nostia = ["s"]\n[parts.Q]\nostia = ["s"]\n'
+        '[[seams]]\nfirst = "P.s"\nsecond = "Q.s"\n[fields]\nl = {kind = "label", part = "Q"}\n'
+    )
+    path = tmp_path / "a.vtp"
+    entry = ShapeEntry(ShapeId("a", "0", 0.0), {"P": path, "Q": path}, {})
+    found = surface_fields(settings, entry)
+    point = np.array([[0.8, 0.2, 0.0]])
+    assert values_at(found["P"], settings.fields, point) == {}
+    assert values_at(found["Q"], settings.fields, point)["l"] == 7
+    assert other_arrays(settings, entry) == ("half",)
 
 
 def test_a_label_map_has_no_arrays(tmp_path):

@@ -66,7 +66,7 @@ def _print_table(checks: list[pipeline.ShapeCheck]) -> None:
             console.print(check.problem, markup=False, highlight=False, soft_wrap=True)
     arrays = ", ".join(dict.fromkeys(name for check in checks for name in check.arrays))
     if arrays:
-        text = f"arrays on the surfaces that no field of the study names: {arrays}"
+        text = f"arrays on the surfaces that no table of [fields] names: {arrays}"
         console.print(text, markup=False, highlight=False, soft_wrap=True)
     looked_at = [check for check in checks if not check.is_excluded]
     usable = sum(check.problem is None for check in looked_at)

@@ -74,7 +74,8 @@ def field_mesh(settings: StudySettings, part: str, mesh: RawMesh) -> RawMesh:
         elif field.required:
             raise InputError(
                 f"{part}: expected the array {array} of fields.{name}, found {_listed(mesh)}: "
-                "correct its name, or state required = false if some shapes lack it"
+                "correct its name, or state part = ... where one part has it, or required = false "
+                "where some shapes lack it"
             )
     wall = np.ones(len(mesh.faces), dtype=np.bool_)
     caps = [value for name, value in settings.caps.items() if name.startswith(f"{part}.")]
