@@ -67,6 +67,19 @@ def grid(form, *values):
             ("left_atrium", "left_ventricle"),
         ),
         (["m03_L_femur.vtp", "m04_L_femur.vtp", "n01_R_femur.vtp"], "{subject}_femur.vtp", ()),
+        (
+            grid("Case_<0>/<1>_<2>.vtk", "123", ("LA", "RA"), ("endo", "epi")),
+            "Case_{subject}/{part}.vtk",
+            ("LA_endo", "LA_epi", "RA_endo", "RA_epi"),
+        ),
+        (grid("<0> left (<1>).stl", ("LV", "RV"), "123"), "{part} {subject}.stl",
+         ("LV left", "RV left")),
+        (
+            grid("<0>/s0<1>/<2>.stl", ("control",), "12", ("LV", "RV"))
+            + grid("<0>/s0<1>/<2>.stl", ("ill",), "34", ("LV", "RV")),
+            "*/{subject}/{part}.stl",
+            ("LV", "RV"),
+        ),
         (["anna.stl", "otto long name.stl"], "{subject}.stl", ()),
         (["Patient Data/Müller, A.vtp", "Patient Data/O'Neil #2.vtp"],
          "Patient Data/{subject}.vtp", ()),
@@ -110,6 +123,12 @@ def grid(form, *values):
 def test_patterns_are_read_off_the_names(names, pattern, parts):
     found = guessed_pattern(names)
     assert (found.pattern, found.parts) == (pattern, parts)
+
+
+def test_the_same_numbers_in_folders_of_groups_are_not_phases():
+    found = guessed_pattern(grid("<0>/0<1>/<2>.stl", ("healthy", "ill"), "123", ("LV", "RV")))
+    assert found.pattern == "healthy/{subject}/{part}.stl"
+    assert any("rename the files or write a sheet" in note for note in found.notes)
 
 
 def test_the_first_shape_has_a_file_of_every_part():
@@ -196,6 +215,7 @@ def test_groups_in_folders_with_the_same_names_are_told_apart_from_one_study(tmp
     study, text = proposed(tmp_path)
     assert len(study.entries) == 3
     assert "one pattern does not fit the other names" in text
+    assert "read from the names: 3 subjects, 3 of 6 files" in text
 
 
 def test_unknown_words_near_their_own_subject_are_phases(tmp_path, rng):

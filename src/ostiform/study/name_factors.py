@@ -19,7 +19,7 @@ _Run = tuple[tuple[Span, ...], tuple[str, ...]]
 
 _SEPARATORS = re.compile(r"([_\-\s.]+)")
 _SEPARATORS_AND_DIGITS = re.compile(r"([_\-\s.]+|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z]))")
-_NUMBERED = re.compile(r"[^\W\d_]*\d+[^\W\d_]?%?|[A-KM-QS-Za-km-qs-z]")
+_NUMBERED = re.compile(r"\W*[^\W\d_]*\d+[^\W\d_]?\W*|[A-KM-QS-Za-km-qs-z]")
 PHASE_WORDS = re.compile(
     r"(ph|phase|t|tp|time|timepoint|frame|fr|step|ses|session|visit)-?\d+%?|\d+%|e[ds]|"
     r"end(dia|sys)\w*|sys\w*|dia\w*|rest|stress|insp\w*|exp(iration)?",

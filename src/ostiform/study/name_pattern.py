@@ -20,7 +20,7 @@ from ostiform.study.name_roles import (
     is_part,
     name_roles,
     shown_frame,
-    words_are_parts,
+    words_are_subjects,
 )
 
 _IMAGE = re.compile(r"(ct|mr|mri|img|image|images|4d|t1w|t2w|bssfp|orig|raw|para)", re.IGNORECASE)
@@ -70,7 +70,7 @@ def guessed_pattern(names: Sequence[str], look: Look = lambda name: None) -> Nam
         return look(stem + ending)
 
     factors = name_factors(kept, words=True)
-    if len(factors.fields) == 2 and words_are_parts(factors):
+    if len(factors.fields) == 2 and not words_are_subjects(factors):
         factors = name_factors(kept, words=False)
     if len(factors.fields) == 1 and all(map(is_part, factors.fields[0])):
         factors = NameFactors(tuple(kept), (), ())  # the parts of one subject
@@ -112,12 +112,20 @@ def _pattern(
     frames, of_frames, said = roles.frames, roles.of_frames, [*notes, *roles.notes]
     merged = _merged(frames, of_frames)
     if merged is None:
-        size = Counter(factors.frames)
-        frames, of_frames = (max(frames, key=lambda frame: size[frame]),), ""
-        merged = frames[0]
+        size = Counter(frame for frame in factors.frames if frame in frames)
+        folders = Counter(frame.rpartition("/")[0] for frame in size.elements())
+        largest = folders.most_common(1)[0][0]
+        frames = tuple(frame for frame in frames if frame.rpartition("/")[0] == largest)
+        merged = _merged(frames, of_frames)
+    if merged is None:
+        merged = max(frames, key=lambda frame: size[frame])
+        frames = (merged,)
+    of_frames = of_frames if len(frames) > 1 else ""
+    if frames != roles.frames:
+        shown = ", ".join(shown_frame(frame) for frame in frames)
         said.append(
-            f"doubt: {shown_frame(merged)} is used alone, one pattern does not fit the other "
-            "names: rename the files or write a sheet"
+            f"doubt: {shown} of one folder alone, one pattern does not fit the other names: rename "
+            "the files or write a sheet"
         )
     for k, role in enumerate(roles.fields):
         merged = merged.replace(f"{{{k}}}", f"{{{role}}}")

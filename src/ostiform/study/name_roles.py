@@ -32,6 +32,11 @@ SUBJECT = re.compile(
 LABELS = re.compile(
     r"(gt|label\w*|seg|segmentations?|mask|masks|lbl|roi|heartchambers\w*|total)", re.IGNORECASE
 )
+_GROUP = re.compile(
+    r"controls?|healthy|normals?|ill|sick|patients?|diseased?|cases?|train(ing)?|test(ing)?|val\w*|"
+    r"hcm|dcm|minf|af|sr|men|women|male|female",
+    re.IGNORECASE,
+)
 _SIDE = re.compile(r"left|right|l|r", re.IGNORECASE)
 _MOST_PARTS = 8
 PIECES = re.compile(r"([_\-\s./]+|(?=\{)|(?<=\}))")
@@ -55,10 +60,12 @@ def is_part(value: str) -> bool:
     return any(PART_WORDS.fullmatch(piece) for piece in PIECES.split(value))
 
 
-def words_are_parts(factors: NameFactors) -> bool:
-    """Return whether the field that would be the subject holds names of parts."""
-    fields, _ = _roles_of_two(factors)
-    return any(map(is_part, factors.fields[fields.index("subject")]))
+def words_are_subjects(factors: NameFactors) -> bool:
+    """Return whether no field is of words that stand for parts or groups."""
+    return not any(
+        all(is_part(value) or _GROUP.fullmatch(value) for value in field)
+        for field in factors.fields
+    )
 
 
 def name_roles(factors: NameFactors, stems: Sequence[str], look: Look) -> NameRoles:
@@ -83,8 +90,10 @@ def _roles_of_two(factors: NameFactors) -> tuple[tuple[str, ...], tuple[str, ...
     if not phases[1] and any(SUBJECT.fullmatch(v) for v in factors.fields[1]):
         return ("phase", "subject"), ()
     sure = phases[1] or all(SUBJECT.fullmatch(v) for v in factors.fields[0])
-    doubt = "the first number of a name was taken for the subject, the second for the phase"
-    return ("subject", "phase"), () if sure else (f"doubt: {doubt}",)
+    subjects = ", ".join(dict.fromkeys(factors.fields[0][:_TRIED]))
+    phases_of = ", ".join(dict.fromkeys(factors.fields[1][:_TRIED]))
+    doubt = f"doubt: {subjects} ... were taken for subjects, {phases_of} ... for phases"
+    return ("subject", "phase"), () if sure else (doubt,)
 
 
 def _is_phase(factors: NameFactors, k: int) -> bool:
