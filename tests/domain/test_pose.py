@@ -246,3 +246,32 @@ def test_phases_of_a_subject_turn_together_whatever_frame_the_subject_has(rng):
             shapes.append(moved(one, motion))
     rotations = population_poses(shapes).transforms[:, :3, :3]
     np.testing.assert_array_equal(rotations[::2], rotations[1::2])
+
+
+def bone(seed):
+    """A long body bent one way at one end and another way at the other."""
+    size = np.array([90.0, 14.0, 13.0]) * np.random.default_rng(seed).normal(1.0, 0.06, 3)
+    vertices, faces = holed_sphere(1200, [])
+    far, near = np.clip(vertices[:, 0], 0.0, None), np.clip(-vertices[:, 0], 0.0, None)
+    bend = np.c_[0.0 * far, 12.0 * far**3, 12.0 * near**3]
+    return shape(Surface(vertices * size + bend, faces, {}), f"m{seed}")
+
+
+def test_the_minority_is_mirrored_where_mirror_images_fit_less_than_twice_as_well():
+    shapes = [bone(k) for k in range(7)]
+    assert not population_poses(shapes).mirrored.any()
+    flip = np.diag([1.0, -1.0, 1.0, 1.0])
+    for wrong in ([1, 4], [0, 2, 5]):
+        mixed = [moved(s, flip) if k in wrong else s for k, s in enumerate(shapes)]
+        assert np.flatnonzero(population_poses(mixed).mirrored).tolist() == wrong
+
+
+def test_a_mirrored_shape_is_told_by_its_surface_where_its_names_fit():
+    # The openings of a belt exchange in the mirror: landmarks alone fit as they are.
+    holes = {"a": ([0.8, 0.6, 0.1], 0.3), "b": ([-0.8, 0.6, 0.1], 0.3), "c": ([0, -1.0, 0.1], 0.3)}
+    shapes = [shape(surface(holes, 1200, 0.2 * k), f"s{k}") for k in range(6)]
+    assert not population_poses(shapes).mirrored.any()
+    (body,) = moved(shapes[3], np.diag([-1.0, 1.0, 1.0, 1.0])).parts.values()
+    swapped = {**body.loops, "a": body.loops["b"], "b": body.loops["a"]}
+    shapes[3] = shape(Surface(body.vertices, body.faces, swapped), "s3")
+    assert np.flatnonzero(population_poses(shapes).mirrored).tolist() == [3]

@@ -146,7 +146,30 @@ def fitted_rotation(
     rotation, shift, residual = _best_fit(
         moving.points, moving.normals, fixed, starts, FINE_ITERATIONS
     )
-    # The mirror image across the plane of the two longest axes; it keeps the starts' frames.
+    translation = fixed.centroid + shift - rotation @ moving.centroid
+    return SurfaceFit(rotation, translation, residual, _reflected_residual(moving, fixed, axes))
+
+
+def reflection_ratio(moving: SurfaceSample, fixed: SurfaceSample, rotation: FloatArray) -> float:
+    """Return the residual of the mirror image's best fit over that of a shape turned so.
+
+    Parameters
+    ----------
+    moving, fixed : SurfaceSample
+    rotation : (3, 3) float64
+        About the centroids; refined by as many steps as the mirror image's.
+    """
+    steps = MIDDLE_ITERATIONS + REFLECTED_ITERATIONS
+    start = rotation, np.zeros(3)
+    _, _, own = _refined(moving.points, moving.normals, fixed, start, steps)
+    return _reflected_residual(moving, fixed, None) / max(own, SETTLED * fixed.radius)
+
+
+def _reflected_residual(
+    moving: SurfaceSample, fixed: SurfaceSample, axes: tuple[FloatArray, FloatArray] | None
+) -> float:
+    """Return the residual of the best fit of the mirror image."""
+    # Across the plane of the two longest axes, which keeps the starts' frames.
     mirror = moving.frame @ np.diag([1.0, 1.0, -1.0]) @ moving.frame.T
     image = moving.points @ mirror
     starts = (
@@ -154,11 +177,8 @@ def fitted_rotation(
         if axes is None
         else _turns_about(mirror @ axes[0], image, axes[1], fixed.points)
     )
-    _, _, reflected_residual = _best_fit(
-        image, moving.normals @ mirror, fixed, starts, REFLECTED_ITERATIONS
-    )
-    translation = fixed.centroid + shift - rotation @ moving.centroid
-    return SurfaceFit(rotation, translation, residual, reflected_residual)
+    normals = moving.normals @ mirror
+    return _best_fit(image, normals, fixed, starts, REFLECTED_ITERATIONS)[2]
 
 
 def fit_at(moving: SurfaceSample, fixed: SurfaceSample, rotation: FloatArray) -> SurfaceFit:

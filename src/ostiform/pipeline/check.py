@@ -8,7 +8,7 @@ from ostiform.domain import triangle_quality
 from ostiform.execution import Workers
 from ostiform.pipeline.events import Event, OnEvent, Progress
 from ostiform.pipeline.ingest import ingest_shapes, name_shapes
-from ostiform.pipeline.prepare import prepared_shapes
+from ostiform.pipeline.prepare import MIRRORED, prepared_shapes, shape_poses
 from ostiform.pipeline.prepared import read_prepared, shape_artifact
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store
@@ -94,8 +94,17 @@ def check_study(
         usable, failures = prepared_shapes(run, named)
         problems = {failure.id: failure.reason for failure in (*named.failures, *failures)}
         names = {ready.id: ready.name for ready, _ in usable}
+        poses = shape_poses(run, [ready for ready, _ in usable]) if usable else ()
+        notes = {pose.id: (MIRRORED,) for pose in poses if pose.mirrored}
         tasks = [
-            _CheckTask(study, entry, run.store, names.get(entry.id), problems.get(entry.id))
+            _CheckTask(
+                study,
+                entry,
+                run.store,
+                names.get(entry.id),
+                problems.get(entry.id),
+                notes.get(entry.id, ()),
+            )
             for entry in study.entries
         ]
         found: list[ShapeCheck | None] = [None] * len(tasks)
@@ -112,6 +121,7 @@ class _CheckTask:
     store: Store
     name: str | None
     problem: str | None
+    notes: tuple[str, ...]
 
 
 def _check(task: _CheckTask) -> ShapeCheck:
@@ -133,8 +143,8 @@ def _check(task: _CheckTask) -> ShapeCheck:
         )
         for part, surface in prepared.shape.parts.items()
     )
-    repairs = (*prepared.shape.repairs, *prepared.repairs)
-    return ShapeCheck(task.entry.id, rows, repairs, None, arrays=arrays)
+    said = (*prepared.shape.repairs, *prepared.repairs, *task.notes)
+    return ShapeCheck(task.entry.id, rows, said, None, arrays=arrays)
 
 
 def _rows_of_files(study: Study, entry: ShapeEntry) -> tuple[PartRow, ...]:

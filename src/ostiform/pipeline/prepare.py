@@ -45,6 +45,11 @@ FINEST = 10_000
 POINT_VERTICES = 4
 """Vertices of a part for each point of the template: edges half as long as the template's."""
 
+MIRRORED = (
+    "fits the others better as its mirror image: check its side and frame, or name it in "
+    "shapes.reflect"
+)
+
 Holes: TypeAlias = Mapping[str, tuple[ConformalHoles, ...]]
 
 
@@ -111,11 +116,11 @@ def prepare_shapes(run: Run) -> Prepared:
     )
     if not run.store.is_current(POSES, key):
         with run.store.writing(POSES, key) as path:
-            save(path, _poses(run, ready), tuple[ShapePose, ...])
+            save(path, shape_poses(run, ready), tuple[ShapePose, ...])
     posed = read_poses(run.store)
     for shape in posed:
         if shape.mirrored:
-            run.on_event(Warn(f"{shape.id}: fits the others better as its mirror image; check it"))
+            run.on_event(Warn(f"{shape.id}: {MIRRORED}"))
     poses = frozen_floats([p.transform for p in posed], (len(ready), 4, 4), "poses")
     if not all(run.store.is_current(name, key) for name in (HOLES, DOMAIN)):
         _lay_out(run, ready, poses, key)
@@ -185,7 +190,8 @@ def _finest(settings: StudySettings) -> int | None:
     return max(FINEST, POINT_VERTICES * settings.template.points)
 
 
-def _poses(run: Run, ready: Sequence[Ready]) -> tuple[ShapePose, ...]:
+def shape_poses(run: Run, ready: Sequence[Ready]) -> tuple[ShapePose, ...]:
+    """Return the poses of prepared shapes in their common frame."""
     features: list[PoseFeatures | None] = [None] * len(ready)
     names = [shape.name for shape in ready]
     for outcome in run.workers.each(_features, names, run.store):
