@@ -8,7 +8,7 @@ from ostiform.atomic import atomically
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table; numbers that are not whole have six significant digits, None is left empty.
+    """Write a table: six significant digits of what is not whole, None and NaN left empty.
 
     Raises
     ------
@@ -22,6 +22,6 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def _cell(value: object) -> str:
-    if value is None:
+    if value is None or value != value:
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -68,3 +68,26 @@ def test_wrong_requests_are_refused_in_a_sentence(files, tmp_path, capsys, chang
     arguments = {"times": "0", "frames": 4, "output": tmp_path, **changes}
     assert predict(files / "model.h5", str(files / "unseen.vtp"), **arguments) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_phase_in_other_units_is_refused(files, tmp_path, capsys):
+    phase = read_mesh(files / "unseen.vtp")
+    write_surface(files / "small.vtp", 0.1 * phase.vertices, phase.faces)
+    write_surface(files / "turned.vtp", 0.1 * phase.vertices, np.roll(phase.faces, 1, axis=1))
+    for name in ("small.vtp", "turned.vtp"):
+        assert predict(files / "model.h5", str(files / name), times="0", output=tmp_path) == 2
+        assert "0.1 times that: state the units of the file" in capsys.readouterr().err
+
+
+def test_a_model_of_two_phases_says_that_it_interpolates(tmp_path, capsys):
+    shapes = population(4, 2, np.random.default_rng(1), two_part_template(9, 16))
+    model = fit_model(shapes.aligned, shapes.weights, mesh_of_template(shapes.template))
+    scores = project(model, shapes.aligned)
+    write_model(tmp_path / "model.h5", StoredModel(model, scores, shapes.ids, shapes.template))
+    write_surface(tmp_path / "a.vtp", shapes.aligned[0], model.mesh.faces)
+    given = str(tmp_path / "a.vtp")
+    assert predict(tmp_path / "model.h5", given, frames=20, output=tmp_path / "out") == 0
+    said = "knows 2 times of the cycle (0, 0.5): 18 of the 20 shapes lie between them"
+    assert said in capsys.readouterr().err
+    assert predict(tmp_path / "model.h5", given, frames=2, output=tmp_path / "out") == 0
+    assert "lie between them" not in capsys.readouterr().err

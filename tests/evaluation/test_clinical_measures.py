@@ -1,5 +1,7 @@
 """Clinical numbers against bodies whose numbers are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,9 @@ from ostiform.evaluation.measurements import (
     long_axes,
     rim_measures,
 )
+from ostiform.exchange import read_shape_values_csv, write_shape_values_csv
 from ostiform.model import ModelMesh, mesh_of_template
+from ostiform.study import ShapeId
 from tests.populations import population, two_part_template
 
 FINE = 2e-3  # relative: polygons of a few hundred sides
@@ -152,6 +156,26 @@ def test_clinical_numbers_do_not_move_with_the_heart_and_scale_with_their_units(
     for name, values in here.items():
         factor = factors[name.rsplit("_", 1)[1]]
         np.testing.assert_allclose(there[name], factor * values, rtol=1e-6, atol=1e-6)
+
+
+def test_one_phase_has_no_motion_and_a_wall_no_ejection(rng, tmp_path):
+    points, mesh = cup((25.0, 22.0, 80.0))
+    shapes = points * np.array([[0.8, 0.8, 0.75], [1.0, 1.0, 1.0], [0.9, 0.9, 0.9]])[:, None]
+    motion = ("_ejected_percent", "_ejection_fraction_percent", "_shortening_percent", "_twist_deg")
+    ids = [ShapeId("a", "0", 0.0), ShapeId("a", "1", 0.5), ShapeId("b", "0", 0.0)]
+    table = clinical_table(ids, shapes, shapes, mesh)
+    for column in table.columns:
+        has_gap = np.isnan(table.column(column)).tolist()
+        assert has_gap == [False, False, column.endswith(motion)]
+    write_shape_values_csv(tmp_path / "a.csv", ids, table.columns, table.values)
+    assert "nan" not in (tmp_path / "a.csv").read_text()
+    np.testing.assert_allclose(read_shape_values_csv(tmp_path / "a.csv")[2], table.values, 1e-5)
+    alone = [ShapeId(name, "0", 0.0) for name in "abc"]
+    assert not any(c.endswith(motion) for c in clinical_table(alone, shapes, shapes, mesh).columns)
+    wall = replace(mesh, parts=("epicardium",), loops={"epicardium.base": mesh.loops["LV.mitral"]})
+    columns = clinical_table(ids, shapes, shapes, wall).columns
+    assert "epicardium_volume_ml" in columns
+    assert not any(name.endswith(motion[:2]) for name in columns)
 
 
 def test_the_table_has_a_row_per_shape_and_units_in_its_names(rng):

@@ -14,6 +14,7 @@ from ostiform.fitting import (
     LandmarkTarget,
     Leftover,
     SurfaceTarget,
+    checked_size,
     fit_prior,
     fit_shape,
 )
@@ -252,10 +253,23 @@ def test_scores_are_those_of_the_fitted_shape(prior, rng):
     assert (np.linalg.eigvalsh(fit.score_covariance) > -1e-9).all()
 
 
-@pytest.mark.parametrize("factor", [1000.0, 0.001])
+@pytest.mark.parametrize("factor", [1000.0, 10.0, 0.1, 0.001])
 def test_wrong_units_are_named(prior, factor):
-    with pytest.raises(InputError, match="units"):
-        fit_shape(prior, [surface_of(prior, factor * prior.mean[: len(prior.model.mean)])])
+    points = factor * prior.mean[: len(prior.model.mean)]
+    centres = LandmarkTarget(
+        tuple(prior.centres), factor * np.array([prior.mean[k] for k in prior.centres.values()])
+    )
+    numbered = LandmarkTarget(("3", "50", "120"), points[[3, 50, 120]])
+    for target in (surface_of(prior, points), CloudTarget(points), centres, numbered):
+        with pytest.raises(InputError, match="about .* times that: state the units of the file"):
+            fit_shape(prior, [target])
+
+
+def test_a_small_piece_of_a_surface_is_no_wrong_unit(prior):
+    points = prior.mean[: len(prior.model.mean)]
+    near = np.linalg.norm(points - points[200], axis=1) < 0.2 * prior.size
+    assert near.sum() > 10
+    assert 0.02 < checked_size(points, [CloudTarget(0.2 * points[near])]) < 0.125
 
 
 def test_what_the_model_has_not_is_refused(prior):

@@ -191,6 +191,15 @@ def test_without_any_point_the_loops_are_told():
     assert "; its loops: loop 1 at" in message
 
 
+def test_a_population_of_giants_is_in_smaller_units():
+    surveys = [
+        survey(str(k), (1000.0 * v, f, h)) for k, (v, f, h) in enumerate(map(atrium, (0, 1)))
+    ]
+    found = named_population(parsed_settings(POINTS), surveys)
+    assert "less than 5 m, found 96.9 m across" in found.problems[surveys[0].id]
+    assert 'check units in the study, as units = "um"' in found.problems[surveys[1].id]
+
+
 def test_points_in_other_units_are_refused():
     far = POINTS.replace("[0.0, 0.0, -30.0]", "[0, 0, -900]").replace("-21.0", "2100")
     surveys = [survey(str(k), atrium(k)) for k in range(2)]

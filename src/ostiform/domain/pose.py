@@ -308,6 +308,7 @@ def _posed_by_surfaces(
         )
         for index, sample in enumerate(samples)
     ]
+    ratios = np.array([fit.reflected_residual / max(fit.residual, TIE) for fit in fits])
     fits = _kept_to_shared_frame(fits, samples, axes, reference)
     fits = _kept_to_subjects(fits, shapes, reference)
     rotations = np.array([fit.rotation for fit in fits])
@@ -316,7 +317,6 @@ def _posed_by_surfaces(
     transforms[reference] = np.eye(4)
     residuals = np.array([fit.residual for fit in fits])
     residuals[reference] = 0.0
-    ratios = np.array([fit.reflected_residual / max(fit.residual, TIE) for fit in fits])
     mirrored = _mirror_images(ratios, reference)
     return PopulationPoses(transforms, mirrored, residuals, reference, method)
 

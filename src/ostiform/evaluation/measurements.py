@@ -14,6 +14,7 @@ Definitions, for one part (docs/dynamics.md has them with pictures of thought):
   apex.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -30,6 +31,9 @@ from ostiform.values import Axes, value
 
 MM3_PER_ML = 1000.0
 VOLUME = "_volume_ml"
+WALLS = re.compile("epi|myo", re.IGNORECASE)
+"""Names of parts that enclose no blood of their own."""
+
 THIRD = 1.0 / 3.0
 
 
@@ -77,11 +81,12 @@ class ClinicalTable:
     ids : tuple of ShapeId
     columns : tuple of str
     values : (N, C) float64
+        NaN where a shape has no such number.
     """
 
     ids: Annotated[tuple[ShapeId, ...], Axes("N")]
     columns: Annotated[tuple[str, ...], Axes("columns")]
-    values: Annotated[FloatArray, Axes("N", "columns")]
+    values: Annotated[FloatArray, Axes("N", "columns", gaps=True)]
 
     @property
     def volumes(self) -> dict[str, FloatArray]:
@@ -174,7 +179,8 @@ def clinical_measures(
     Returns
     -------
     columns : dict of str to (T,) float64
-        The name ends with the unit: ``ml``, ``mm``, ``mm2``, ``percent`` or ``deg``.
+        The name ends with the unit: ``ml``, ``mm``, ``mm2``, ``percent`` or ``deg``. Of one phase
+        there is no motion; a part that is named as a wall (epicardium, myocardium) ejects nothing.
     """
     shapes = np.asarray(points, dtype=np.float64)
     columns: dict[str, FloatArray] = {}
@@ -183,18 +189,21 @@ def clinical_measures(
         reference = int(volumes.argmax())
         ejected = 100.0 * (1.0 - volumes / volumes[reference])
         columns[f"{part}{VOLUME}"] = volumes / MM3_PER_ML
-        columns[f"{part}_ejected_percent"] = ejected
-        columns[f"{part}_ejection_fraction_percent"] = np.full(len(shapes), ejected.max())
+        moves = len(shapes) > 1
+        if moves and not WALLS.search(part):
+            columns[f"{part}_ejected_percent"] = ejected
+            columns[f"{part}_ejection_fraction_percent"] = np.full(len(shapes), ejected.max())
         if part in axes:
             own = np.unique(mesh.faces[mesh.face_part == mesh.parts.index(part)])
             base, apex = rims[axes[part].annulus].centre, shapes[:, axes[part].apex]
             length = np.linalg.norm(apex - base, axis=1)
             columns[f"{part}_long_axis_mm"] = length
-            shortening = 100.0 * (1.0 - length / length[reference])
-            columns[f"{part}_long_axis_shortening_percent"] = shortening
-            faces = np.searchsorted(own, mesh.faces[mesh.face_part == mesh.parts.index(part)])
-            twist = twist_angles(shapes[:, own], faces, base, apex, reference)
-            columns[f"{part}_twist_deg"] = np.degrees(twist)
+            if moves:
+                shortening = 100.0 * (1.0 - length / length[reference])
+                columns[f"{part}_long_axis_shortening_percent"] = shortening
+                faces = np.searchsorted(own, mesh.faces[mesh.face_part == mesh.parts.index(part)])
+                twist = twist_angles(shapes[:, own], faces, base, apex, reference)
+                columns[f"{part}_twist_deg"] = np.degrees(twist)
         for name, rim in rims.items():
             if name.startswith(f"{part}."):
                 label = name.replace(".", "_")
@@ -257,15 +266,16 @@ def clinical_table(
     shapes = frozen_floats(points, (len(ids), len(mesh.part), 3), "points of shapes")
     axes = long_axes(aligned, mesh)
     subjects = np.array([id.subject for id in ids])
-    rows: list[FloatArray | None] = [None] * len(ids)
-    columns: tuple[str, ...] = ()
-    for subject in dict.fromkeys(subjects.tolist()):
-        own = np.flatnonzero(subjects == subject)
-        found = clinical_measures(shapes[own], mesh, axes)
-        columns = tuple(found)
-        for row, index in enumerate(own):
-            rows[index] = np.array([values[row] for values in found.values()])
-    stacked = np.array([row for row in rows if row is not None]).reshape(len(ids), len(columns))
+    found = {
+        subject: clinical_measures(shapes[subjects == subject], mesh, axes)
+        for subject in dict.fromkeys(subjects.tolist())
+    }
+    columns = max((tuple(own) for own in found.values()), key=len, default=())
+    stacked = np.full((len(ids), len(columns)), np.nan)
+    for subject, own in found.items():
+        for index, name in enumerate(columns):
+            if name in own:
+                stacked[subjects == subject, index] = own[name]
     return ClinicalTable(tuple(ids), columns, stacked)
 
 

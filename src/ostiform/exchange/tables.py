@@ -41,6 +41,7 @@ def read_shape_values_csv(path: Path) -> tuple[tuple[ShapeId, ...], tuple[str, .
     ids : (N,) tuple of ShapeId
     columns : (C,) tuple of str
     values : (N, C) float64
+        NaN where a cell is empty.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def read_shape_values_csv(path: Path) -> tuple[tuple[ShapeId, ...], tuple[str, .
             raise ValueError(f"the columns {', '.join(header[:3])}")
         ids = tuple(ShapeId(subject, phase, float(time)) for subject, phase, time, *_ in rows)
         columns = tuple(header[3:])
-        values = np.array([row[3:] for row in rows], dtype=np.float64)
+        values = np.array([[cell or "nan" for cell in row[3:]] for row in rows], dtype=np.float64)
         return ids, columns, values.reshape(len(ids), len(columns))
     except (OSError, ValueError) as error:
         raise ArtifactError(

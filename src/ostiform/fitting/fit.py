@@ -17,9 +17,10 @@ from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.residues import measured_residues
 from ostiform.fitting.rim_kinds import with_openings_matched
 from ostiform.fitting.settings import FitSettings
+from ostiform.fitting.sizes import check_landmarks, checked_size
 from ostiform.fitting.solver import Rules, Solution, solve
 from ostiform.fitting.starts import starting_poses
-from ostiform.fitting.types import FitStatus, ShapeFit, Target, all_positions
+from ostiform.fitting.types import FitStatus, ShapeFit, Target
 from ostiform.fitting.typical import typicality
 
 COARSE = Rules(use_field=False, gated=False, stride=8, most_iterations=5)
@@ -28,14 +29,6 @@ FINE = Rules(use_field=True, gated=True, stride=1, most_iterations=12)
 COARSE_SAMPLES = 300
 FINALISTS = 2
 """Poses that are fitted for longer before one is chosen."""
-
-LARGEST_RATIO = 8.0
-SMALLEST_RATIO = 1.0 / 100.0
-"""Sizes of data over that of the model beyond which the units must be wrong; a contour is small."""
-
-
-FEW_POINTS = 10
-"""So few points may lie together."""
 
 SURFACE_EDGES, SAMPLED_EDGES = 0.25, 1.0
 """Share of the model's edge that data are expected to lie off its surface: for surfaces little,
@@ -73,7 +66,8 @@ def fit_shape(
     if not targets:
         raise InputError("a fit: expected at least one target, found none")
     data = prepared_data(prior, targets)
-    ratio = _checked_size(prior, targets)
+    ratio = checked_size(prior.model.mean, targets)
+    check_landmarks(prior.mean, data.labelled)
     poses = starting_poses(prior, data, chosen, ratio)
     coarse = sparser(data, COARSE_SAMPLES)
     runs = [solve(prior, coarse, State(pose, np.zeros(0)), chosen, COARSE) for pose in poses]
@@ -119,25 +113,6 @@ def fit_shape(
         status=FitStatus.CONVERGED if final.has_settled else FitStatus.ITERATION_LIMIT,
         iterations=final.iterations,
     )
-
-
-def _checked_size(prior: FitPrior, targets: Sequence[Target]) -> float:
-    """Return the size of the data over the model's, in percentiles that outliers do not move."""
-    own = _extent(prior.model.mean)
-    positions = all_positions(targets)
-    ratio = _extent(positions) / own
-    if ratio > LARGEST_RATIO or (ratio < SMALLEST_RATIO and len(positions) > FEW_POINTS):
-        factor = 10.0 ** round(float(np.log10(max(ratio, 1e-12))))
-        raise InputError(
-            f"target: expected data in millimetres of about the model's size ({own:.3g} mm), found "
-            f"{ratio * own:.3g} mm, about {factor:g} times that: state the units of the file"
-        )
-    return ratio
-
-
-def _extent(points: FloatArray) -> float:
-    low, high = np.percentile(points, [12.0, 88.0], axis=0)
-    return float(np.linalg.norm(high - low))
 
 
 def _costs(prior: FitPrior, data: Data, runs: Sequence[Solution]) -> FloatArray:

@@ -46,7 +46,7 @@ from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.events import Note, OnEvent, Progress, Warn
 from ostiform.pipeline.results import Writer, copy_artifact, result_files, write_all
 from ostiform.pipeline.store import Store, key_of
-from ostiform.study import ShapeId
+from ostiform.study import ShapeId, other_sizes
 from ostiform.surface import face_areas, face_normals, median_edge_length, vertex_areas
 
 NOISE_OVER_EDGE = 0.2
@@ -125,6 +125,7 @@ def adopt_shapes(
     watch(Progress("read", 0, 1))
     found = read_source(source, settings)
     watch(Progress("read", 1, 1))
+    _refuse_other_sizes(found)
     _refuse_mirrored(found)
     shapes = corresponded(found, alignment, _groups(found.ids, per))
     stored = analysed(shapes)
@@ -160,6 +161,17 @@ def adopt_shapes(
     return Adopted(
         output, len(shapes.ids), shapes.points.shape[1], len(stored.model.modes), tuple(notes)
     )
+
+
+def _refuse_other_sizes(found: OrderedShapes) -> None:
+    """Refuse shapes in other units than the others."""
+    sizes = [float(np.linalg.norm(np.ptp(points, axis=0))) for points in found.points]
+    for k, (usual, ratio) in other_sizes(sizes).items():
+        raise InputError(
+            f"{found.ids[k]}: expected about {usual:.3g} mm across as the other shapes are, found "
+            f"{sizes[k]:.3g} mm, {ratio:,.0f} times {'less' if sizes[k] < usual else 'more'}: its "
+            "file is in other units, convert it"
+        )
 
 
 def _refuse_mirrored(found: OrderedShapes) -> None:

@@ -19,10 +19,12 @@ from ostiform.errors import InputError
 from ostiform.evaluation import clinical_measures, long_axes
 from ostiform.exchange import write_shape_values_csv
 from ostiform.fitting import (
+    CloudTarget,
     FileRules,
     FitPrior,
     FitSettings,
     ShapeFit,
+    checked_size,
     fit_prior,
     fit_shape,
     read_targets,
@@ -42,6 +44,9 @@ from ostiform.model import (
 )
 from ostiform.study import ShapeId
 from ostiform.surface import placed_vertices, read_mesh, write_surface
+
+ENOUGH_PHASES = 4
+"""Times of the cycle that say how a motion runs between its extremes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +133,20 @@ def weak_prior_warning(predictor: CyclePredictor) -> str | None:
     )
 
 
+def few_phases_warning(stored: StoredModel, times: FloatArray) -> str | None:
+    """Return the sentence that says that a cycle is made of few phases, if so."""
+    known = np.unique(np.round([id.time for id in stored.ids], 3))
+    if len(known) >= ENOUGH_PHASES:
+        return None
+    between = int((np.abs(np.asarray(times)[:, None] - known).min(axis=1) > 1e-3).sum())
+    if not between:
+        return None
+    return (
+        f"the model knows {len(known)} times of the cycle ({', '.join(f'{t:g}' for t in known)}): "
+        f"{between} of the {len(times)} shapes lie between them and are no more than interpolated"
+    )
+
+
 def write_prediction(folder: Path, prediction: Prediction) -> dict[str, Any]:
     """Write a predicted cycle and return what ``prediction.json`` holds."""
     model, cycle = prediction.stored.model, prediction.cycle
@@ -146,6 +165,7 @@ def write_prediction(folder: Path, prediction: Prediction) -> dict[str, Any]:
     values = np.stack(list(found.values()), axis=1)
     write_shape_values_csv(folder / "clinical.csv", ids, list(found), values)
     predictor = prediction.predictor
+    warnings = (weak_prior_warning(predictor), few_phases_warning(prediction.stored, cycle.times))
     facts: dict[str, Any] = {
         "schema": 1,
         "package_version": __version__,
@@ -153,7 +173,7 @@ def write_prediction(folder: Path, prediction: Prediction) -> dict[str, Any]:
         "given_shapes": list(prediction.sources),
         "times": cycle.times.tolist(),
         "training_subjects": len(predictor.model.subjects),
-        "warning": weak_prior_warning(predictor),
+        "warning": "; ".join(warning for warning in warnings if warning) or None,
         "left_out_error_mm": float(np.nanmean(predictor.left_out_errors)),
         "left_out_mean_motion_mm": float(np.nanmean(predictor.mean_motion_errors)),
         "left_out_nearest_subject_mm": float(np.nanmean(predictor.nearest_subject_errors)),
@@ -173,4 +193,9 @@ def _corresponded(shape: str, stored: StoredModel, rules: FileRules) -> FloatArr
     faces = stored.model.mesh.faces
     if mesh.faces.shape != faces.shape or (mesh.faces != faces).any():
         return None
-    return placed_vertices(mesh, rules.units, rules.frame)
+    points = placed_vertices(mesh, rules.units, rules.frame)
+    try:
+        checked_size(stored.model.mean, [CloudTarget(points)])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return points

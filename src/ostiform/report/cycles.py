@@ -249,7 +249,8 @@ def _clinical_table(table: ClinicalTable) -> Table:
         cells = []
         for name in shown:
             values = table.column(name)[own]
-            cells.append(decimal(float(values[np.abs(values).argmax()]), 1))
+            largest = float(values[np.abs(values).argmax()])
+            cells.append("" if np.isnan(largest) else decimal(largest, 1))
         rows.append((str(subject), *cells))
     return Table(
         "Largest over the cycle", ("subject", *(_heading(name) for name in shown)), tuple(rows)

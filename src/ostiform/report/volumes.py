@@ -35,11 +35,11 @@ def volumes_section(table: ClinicalTable) -> Section:
                 "Closed curves of volume against time, one panel per part.",
             ),
         ),
-        (_curve_table(curves),),
+        (_curve_table(curves, table.columns),),
     )
 
 
-def _curve_table(curves: Sequence[VolumeCurve]) -> Table:
+def _curve_table(curves: Sequence[VolumeCurve], columns: Sequence[str]) -> Table:
     rows = [
         (
             curve.subject,
@@ -48,7 +48,9 @@ def _curve_table(curves: Sequence[VolumeCurve]) -> Table:
             f"{curve.phases[curve.largest]} ({curve.times[curve.largest]:.2f})",
             f"{curve.volumes[curve.smallest] / MM3_PER_ML:.1f}",
             f"{curve.phases[curve.smallest]} ({curve.times[curve.smallest]:.2f})",
-            f"{100 * curve.ejection_fraction:.0f} %",
+            f"{100 * curve.ejection_fraction:.0f} %"
+            if f"{curve.part}_ejection_fraction_percent" in columns
+            else "",  # a wall
         )
         for curve in curves
     ]

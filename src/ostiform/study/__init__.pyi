@@ -30,6 +30,9 @@ from .shape import Shape as Shape
 from .shape import ShapeId as ShapeId
 from .shape_names import ShapeNames as ShapeNames
 from .sheet import read_sheet as read_sheet
+from .sizes import OTHER_UNITS as OTHER_UNITS
+from .sizes import other_size as other_size
+from .sizes import other_sizes as other_sizes
 from .sources import data_beside as data_beside
 from .study import ShapeEntry as ShapeEntry
 from .study import Study as Study

@@ -30,12 +30,10 @@ from ostiform.study.rough_points import (
 from ostiform.study.settings import StudySettings
 from ostiform.study.shape import ShapeId
 from ostiform.study.shape_names import MIRRORED, Names, ShapeNames, noted
+from ostiform.study.sizes import LARGEST_MM, other_sizes
 from ostiform.study.survey import ShapeSurvey
 from ostiform.study.trust import LEAST_MARGIN, trusted_names
 from ostiform.surface import component_parts, split_ostium_name
-
-OTHER_UNITS = 8.0
-"""Shapes of one population differ less than this in size; centimetres and millimetres, more."""
 
 OTHER_OPENING = 5.0
 """So many times the usual perimeter, or less than its inverse, is another opening or a nick."""
@@ -122,21 +120,21 @@ def _mirrored_few(named: Mapping[ShapeId, ShapeNames]) -> dict[ShapeId, ShapeNam
 
 
 def _of_other_size(settings: StudySettings, surveys: Sequence[ShapeSurvey]) -> dict[ShapeId, str]:
-    if len(surveys) < 2:
-        return {}
-    sizes = np.array([survey.diagonal for survey in surveys])
+    sizes = [survey.diagonal for survey in surveys]
     scale = abs(float(internal_factors(settings)[0]))
-    problems = {}
-    for k, survey in enumerate(surveys):
-        usual = float(np.median(np.delete(sizes, k)))
-        ratio = max(sizes[k] / usual, usual / sizes[k]) if sizes[k] > 0.0 else np.inf
-        if ratio < OTHER_UNITS or (len(surveys) == 2 and sizes[k] > usual):
-            continue
+    units = settings.units
+    problems = {
+        survey.id: f"expected a shape of less than {LARGEST_MM / 1000.0:g} m, found "
+        f'{size / 1000.0:.3g} m across: check units in the study, as units = "um"'
+        for survey, size in zip(surveys, sizes, strict=True)
+        if size > LARGEST_MM
+    }
+    for k, (usual, ratio) in other_sizes(sizes).items():
         word = "smaller" if sizes[k] < usual else "larger"
-        problems[survey.id] = (
-            f"expected about {usual / scale:.3g} {settings.units} across as the other shapes "
-            f"are, found {sizes[k] / scale:.3g} {settings.units}, {ratio:,.0f} times {word}: its "
-            f'file is in other units than the study\'s (units = "{settings.units}"), convert it'
+        problems[surveys[k].id] = (
+            f"expected about {usual / scale:.3g} {units} across as the other shapes are, found "
+            f"{sizes[k] / scale:.3g} {units}, {ratio:,.0f} times {word}: its file is in other "
+            f'units than the study\'s (units = "{units}"), convert it'
         )
     return problems
 
