@@ -8,11 +8,19 @@ from ostiform.domain import triangle_quality
 from ostiform.execution import Workers
 from ostiform.pipeline.events import Event, OnEvent, Progress
 from ostiform.pipeline.ingest import ingest_shapes, name_shapes
-from ostiform.pipeline.prepare import MIRRORED, prepared_shapes, shape_poses
+from ostiform.pipeline.prepare import prepared_shapes, shape_poses
 from ostiform.pipeline.prepared import read_prepared, shape_artifact
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store
-from ostiform.study import ShapeEntry, ShapeId, Study, other_arrays, part_facts, read_study
+from ostiform.study import (
+    MIRRORED,
+    ShapeEntry,
+    ShapeId,
+    Study,
+    other_arrays,
+    part_facts,
+    read_study,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +151,7 @@ def _check(task: _CheckTask) -> ShapeCheck:
         )
         for part, surface in prepared.shape.parts.items()
     )
-    said = (*prepared.shape.repairs, *prepared.repairs, *task.notes)
+    said = tuple(dict.fromkeys((*prepared.shape.repairs, *prepared.repairs, *task.notes)))
     return ShapeCheck(task.entry.id, rows, said, None, arrays=arrays)
 
 

@@ -33,7 +33,15 @@ from ostiform.pipeline.ingest import Named, ingest_shapes, name_shapes, opened_a
 from ostiform.pipeline.prepared import prepared_shape, read_prepared, read_shape, shape_artifact
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
 from ostiform.pipeline.store import Store, key_of
-from ostiform.study import OpenedShape, ShapeId, ShapeNames, Study, StudySettings, named_shape
+from ostiform.study import (
+    MIRRORED,
+    OpenedShape,
+    ShapeId,
+    ShapeNames,
+    Study,
+    StudySettings,
+    named_shape,
+)
 from ostiform.values import Axes, value
 
 POSES = "poses.json"
@@ -44,11 +52,6 @@ FINEST = 10_000
 """Vertices of a part that are always mapped: 1 to 2 s, where 90,000 take 30 to 600 s."""
 POINT_VERTICES = 4
 """Vertices of a part for each point of the template: edges half as long as the template's."""
-
-MIRRORED = (
-    "fits the others better as its mirror image: check its side and frame, or name it in "
-    "shapes.reflect"
-)
 
 Holes: TypeAlias = Mapping[str, tuple[ConformalHoles, ...]]
 

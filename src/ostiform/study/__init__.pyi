@@ -28,6 +28,7 @@ from .settings_file import read_settings as read_settings
 from .shape import NO_PHASE as NO_PHASE
 from .shape import Shape as Shape
 from .shape import ShapeId as ShapeId
+from .shape_names import MIRRORED as MIRRORED
 from .shape_names import ShapeNames as ShapeNames
 from .sheet import read_sheet as read_sheet
 from .sizes import OTHER_UNITS as OTHER_UNITS

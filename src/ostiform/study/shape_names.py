@@ -10,7 +10,7 @@ Names = Mapping[str, Mapping[str, int]]
 
 MIRRORED = (
     "fits the other shapes far better as its mirror image: check the orientation and the frame of "
-    "its file"
+    "its file, or name its subject in shapes.reflect"
 )
 
 
