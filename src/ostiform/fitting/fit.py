@@ -17,9 +17,9 @@ from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.residues import measured_residues
 from ostiform.fitting.rim_kinds import with_openings_matched
 from ostiform.fitting.settings import FitSettings
-from ostiform.fitting.sizes import check_landmarks, checked_size
 from ostiform.fitting.solver import Rules, Solution, solve
 from ostiform.fitting.starts import starting_poses
+from ostiform.fitting.target_size import check_landmarks, checked_size
 from ostiform.fitting.types import FitStatus, ShapeFit, Target
 from ostiform.fitting.typical import typicality
 
