@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ostiform.errors import InputError
-from ostiform.evaluation import enclosed_volumes, part_volumes, volume_curves
+from ostiform.evaluation import enclosed_volumes, part_volumes, surface_sizes, volume_curves
 from ostiform.model import mesh_of_template
 from ostiform.study import ShapeId
+from ostiform.surface import Surface
 from tests.populations import population, two_part_template
 
 ROUNDING = 1e-12  # relative: sums of a few hundred products
@@ -43,6 +44,21 @@ def test_an_open_frustum_capped_at_both_ends_has_the_volume_of_the_body(low, hig
     points, faces, loops, volume = open_frustum(17, low, high, 3.0)
     found = enclosed_volumes(points[None], faces, loops)
     np.testing.assert_allclose(found, [volume], rtol=ROUNDING)
+
+
+def test_sizes_of_a_mesh_have_the_names_of_the_clinical_ones():
+    points, faces, (low, high), volume = open_frustum(17, 20.0, 5.0, 30.0)
+    sizes = surface_sizes({"LV": Surface(points, faces, {"mitral": low, "aortic": high})})
+    area, edge = 0.5 * 17 * np.sin(2 * np.pi / 17), 2.0 * 17 * np.sin(np.pi / 17)
+    assert sizes == pytest.approx(
+        {
+            "LV_volume_ml": volume / 1000.0,
+            "LV_mitral_area_mm2": 400.0 * area,
+            "LV_mitral_perimeter_mm": 20.0 * edge,
+            "LV_aortic_area_mm2": 25.0 * area,
+            "LV_aortic_perimeter_mm": 5.0 * edge,
+        }
+    )
 
 
 def test_turning_the_surface_inside_out_turns_the_sign():

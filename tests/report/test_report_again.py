@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from ostiform.errors import ArtifactError, InputError
+from ostiform.exchange import read_shape_values_csv
 from ostiform.pipeline.build import build_study
 from ostiform.pipeline.events import Note
 from ostiform.pipeline.record import (
@@ -147,6 +148,19 @@ def test_a_copy_without_surfaces_has_the_same_report_and_nothing_else_is_written
 
 @pytest.mark.long
 @pytest.mark.xdist_group("example")
+@pytest.mark.xdist_group("small_results")
+def test_sizes_of_the_meshes_stand_beside_those_that_the_model_samples(small_results):
+    ids, columns, own = read_shape_values_csv(small_results / "surfaces.csv")
+    sampled_ids, names, sampled = read_shape_values_csv(small_results / "clinical.csv")
+    assert ids == sampled_ids
+    assert {"LV_volume_ml", "LA_volume_ml", "LA_mitral_perimeter_mm"} <= set(columns)
+    ratios = sampled[:, [names.index(column) for column in columns]] / own
+    volumes = [place for place, column in enumerate(columns) if column.endswith("_volume_ml")]
+    assert (ratios[:, volumes] < 1.0).all()  # chords cut corners
+    assert (ratios[:, volumes] > 0.9).all()
+    assert "surfaces.csv" in (small_results / "report.html").read_text(encoding="utf-8")
+
+
 def test_the_report_needs_neither_study_nor_meshes(example_folder, tmp_path):
     shutil.copytree(example_folder.parent, tmp_path / "example")
     output = tmp_path / "moved"

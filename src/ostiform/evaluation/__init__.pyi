@@ -70,6 +70,7 @@ from .measurements import clinical_measures as clinical_measures
 from .measurements import clinical_table as clinical_table
 from .measurements import long_axes as long_axes
 from .measurements import rim_measures as rim_measures
+from .measurements import surface_sizes as surface_sizes
 from .measurements import twist_angles as twist_angles
 from .pointwise import PointResidues as PointResidues
 from .pointwise import left_out_point_residues as left_out_point_residues

@@ -23,10 +23,10 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.errors import InputError
-from ostiform.evaluation.clinical import part_volumes
+from ostiform.evaluation.clinical import enclosed_volumes, part_volumes
 from ostiform.model import ModelMesh
 from ostiform.study import ShapeId
-from ostiform.surface import vertex_areas
+from ostiform.surface import Surface, vertex_areas
 from ostiform.values import Axes, value
 
 MM3_PER_ML = 1000.0
@@ -139,6 +139,28 @@ def rim_measures(rims: FloatArray) -> RimMeasures:
         diameter_min=4.0 * np.sqrt(np.maximum(mid - half, 0.0)),
         centre=start[:, 0] + cx[:, None] * across + cy[:, None] * up,
     )
+
+
+def surface_sizes(parts: Mapping[str, Surface]) -> dict[str, float]:
+    """Return the sizes of a shape's own meshes, by the names that `clinical_measures` gives.
+
+    Volumes in ml, areas of openings in mm^2 and their perimeters in mm.
+
+    Parameters
+    ----------
+    parts : mapping of str to Surface
+        With all their openings named.
+    """
+    sizes = {}
+    for part, surface in parts.items():
+        loops = list(surface.loops.values())
+        (volume,) = enclosed_volumes(surface.vertices[None], surface.faces, loops)
+        sizes[f"{part}{VOLUME}"] = float(volume) / MM3_PER_ML
+        for ostium, loop in surface.loops.items():
+            rim = rim_measures(surface.vertices[loop][None])
+            sizes[f"{part}_{ostium}_area_mm2"] = float(rim.area[0])
+            sizes[f"{part}_{ostium}_perimeter_mm"] = float(rim.perimeter[0])
+    return sizes
 
 
 def long_axes(points: FloatArray, mesh: ModelMesh) -> dict[str, LongAxis]:

@@ -1,15 +1,18 @@
 """Stage 4: the results: the three models, the dynamic model, and what is measured on their shapes.
 
 Artifacts: ``KIND/model.h5``; of the optimal model ``model.h5``, ``scores.csv``, ``volumes.csv``,
-``clinical.csv`` and VTP surfaces in ``meshes/`` (the mean, the first modes at -3, -2, 2 and 3
-standard deviations, every shape in correspondence); ``dynamics.h5`` and ``dynamics.json``;
-``fields.bin`` and ``fields/`` (see `pipeline.carried_fields`); ``intervals.json`` (how sure the
-variances are), ``left-out.bin`` (where on the surface the model errs), ``maps.bin`` and
-``paper-chain.bin`` (the maps), ``covariates.csv``.
+``clinical.csv``, ``surfaces.csv`` (sizes of the meshes as read) and VTP surfaces in ``meshes/``
+(the mean, the first modes at -3, -2, 2 and 3 standard deviations, every shape in correspondence);
+``dynamics.h5`` and ``dynamics.json``; ``fields.bin`` and ``fields/`` (see
+`pipeline.carried_fields`); ``intervals.json`` (how sure the variances are), ``left-out.bin`` (where
+on the surface the model errs), ``maps.bin`` and ``paper-chain.bin`` (the maps), ``covariates.csv``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
+
+import numpy as np
 
 from ostiform.artifacts import save
 from ostiform.correspondence import KINDS, Correspondence, Kind
@@ -17,7 +20,9 @@ from ostiform.evaluation import (
     cumulative_variance_error,
     gain_interval,
     left_out_point_residues,
+    surface_sizes,
 )
+from ostiform.exchange import write_shape_values_csv
 from ostiform.model import (
     ShapeModel,
     StoredModel,
@@ -47,14 +52,17 @@ from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.events import Progress
 from ostiform.pipeline.maps import write_maps
 from ostiform.pipeline.prepare import Prepared
+from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.results import Writer, copy_artifact, result_files, write_missing
-from ostiform.pipeline.run import Run
+from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, key_of, slug
 
 MODES_AS_MESHES = 5
 DEVIATIONS = (-3.0, -2.0, 2.0, 3.0)
 INTERVALS = "intervals.json"
 LEFT_OUT = "left-out.bin"
+SURFACES = "surfaces.csv"
+"""Sizes of the meshes as read, which the model samples."""
 
 
 def model_shapes(
@@ -75,6 +83,7 @@ def model_shapes(
     fields = _fields(run, embedded, optimal, corresponded.key)
     own = fields_key(run.study.settings, key) if fields else key
     write_missing(store, own, _mesh_files(stored.model, optimal, fields))
+    write_missing(store, key, {SURFACES: partial(_write_surfaces, run=run, ready=embedded.ready)})
     write_dynamics(store, corresponded.key, stored, run.study.settings)
     run.on_event(Progress("model", len(KINDS) + 1, total))
     _write_intervals(store, key, models)
@@ -83,6 +92,19 @@ def model_shapes(
     entries = run.study.entries
     write_covariates(store, [e.id for e in entries], [e.covariates for e in entries])
     run.on_event(Progress("model", total, total))
+
+
+def _write_surfaces(path: Path, run: Run, ready: Sequence[Ready]) -> None:
+    rows: list[dict[str, float]] = [{}] * len(ready)
+    for outcome in run.workers.each(_sizes, [shape.name for shape in ready], run.store):
+        rows[outcome.index] = outcome.result
+    columns = list(rows[0])
+    values = np.array([[row[column] for column in columns] for row in rows])
+    write_shape_values_csv(path, [shape.id for shape in ready], columns, values)
+
+
+def _sizes(name: str, store: Store) -> dict[str, float]:
+    return surface_sizes(read_shape(store.path(shape_artifact(name))).parts)
 
 
 def _correspondence(store: Store, kind: Kind) -> Correspondence:

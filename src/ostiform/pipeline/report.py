@@ -40,7 +40,7 @@ from ostiform.pipeline.dynamics import read_dynamics
 from ostiform.pipeline.events import Note, OnEvent, Progress
 from ostiform.pipeline.folder import locked
 from ostiform.pipeline.maps import MAPS, PAPER_CHAIN, chosen_part
-from ostiform.pipeline.model import INTERVALS, LEFT_OUT
+from ostiform.pipeline.model import INTERVALS, LEFT_OUT, SURFACES
 from ostiform.pipeline.prepare import read_poses
 from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.record import RECORD, RunRecord, changed_inputs, read_record
@@ -84,6 +84,7 @@ RESULTS = {
     "scores.csv": "scores of every shape (mm)",
     "volumes.csv": "volumes of every shape (ml)",
     "clinical.csv": "volumes, openings, long axis and twist of every shape",
+    "surfaces.csv": "the same sizes of the meshes as read, which the model samples",
     "dynamics.json": "who and when: the levels of the dynamic model",
     "dynamics.h5": "the dynamic model",
     "comparison.json": "the three models compared",
@@ -193,6 +194,8 @@ def _page(store: Store, record: RunRecord) -> Page:
     dynamics = read_dynamics(store)
     dynamic = None if dynamics is None else dynamics.model
     clinical = ClinicalTable(*read_shape_values_csv(store.path("clinical.csv")))
+    own_sizes = store.path(SURFACES)
+    surfaces = ClinicalTable(*read_shape_values_csv(own_sizes)) if own_sizes.is_file() else None
     left_out = store.path(LEFT_OUT)
     residues = load(left_out, PointResidues) if left_out.is_file() else None
     maps = load(store.path(MAPS), MapRecords)
@@ -231,7 +234,7 @@ def _page(store: Store, record: RunRecord) -> Page:
             ),
             scores_section(stored, dynamics),
             cycles_section(dynamics),
-            volumes_section(clinical),
+            volumes_section(clinical, surfaces),
             clinical_section(clinical),
             maps_section(maps, view),
             template_section(correspondence, evaluations["optimal"]),

@@ -11,17 +11,28 @@ from ostiform.report.html import Picture, Section, Table
 from ostiform.report.style import MM3_PER_ML
 from ostiform.study import ShapeId
 
+ROWS_SHOWN = 12
 
-def volumes_section(table: ClinicalTable) -> Section:
-    """Return the volumes over the cycle with ejection fractions, or a table without phases."""
+
+def volumes_section(table: ClinicalTable, surfaces: ClinicalTable | None = None) -> Section:
+    """Return the volumes over the cycle with ejection fractions, or a table without phases.
+
+    Parameters
+    ----------
+    table : ClinicalTable
+        Of the shapes as sampled by the model.
+    surfaces : ClinicalTable or None
+        Of their meshes as read, where these are known: what sampling changes is told.
+    """
     ids, volumes = table.ids, table.volumes
     curves = volume_curves(ids, volumes)
     text = (
         "Volumes of the shapes as sampled by the model, every opening capped flat; computed with "
         "the divergence theorem. The file volumes.csv holds all of them."
     )
+    sampling = () if surfaces is None else (_sampling_table(table, surfaces),)
     if not curves:
-        return Section("volumes", "Volumes", (text,), (), (_shape_table(ids, volumes),))
+        return Section("volumes", "Volumes", (text,), (), (_shape_table(ids, volumes), *sampling))
     return Section(
         "volumes",
         "Volumes over the cycle",
@@ -35,7 +46,7 @@ def volumes_section(table: ClinicalTable) -> Section:
                 "Closed curves of volume against time, one panel per part.",
             ),
         ),
-        (_curve_table(curves, table.columns),),
+        (_curve_table(curves, table.columns), *sampling),
     )
 
 
@@ -80,4 +91,25 @@ def _shape_table(ids: Sequence[ShapeId], volumes: Mapping[str, FloatArray]) -> T
             (str(shape), *(f"{value:.1f}" for value in row))
             for shape, row in zip(ids, stacked, strict=True)
         ),
+    )
+
+
+def _sampling_table(table: ClinicalTable, surfaces: ClinicalTable) -> Table:
+    """Means of the sizes that both tables have, over the shapes that both have."""
+    place = {id: row for row, id in enumerate(table.ids)}
+    rows = [row for row, id in enumerate(surfaces.ids) if id in place]
+    sampled_rows = [place[surfaces.ids[row]] for row in rows]
+    lines = []
+    for column in surfaces.columns:
+        if column in table.columns:
+            sampled, own = table.column(column)[sampled_rows], surfaces.column(column)[rows]
+            change = 100.0 * (sampled / own - 1.0)
+            furthest = change[np.abs(change).argmax()]
+            cells = (f"{value:z.1f}" for value in (sampled.mean(), own.mean()))
+            lines.append((column, *cells, f"{change.mean():+z.1f}", f"{furthest:+z.1f}"))
+    return Table(
+        "Sizes as sampled by the model against those of the meshes as read (surfaces.csv)",
+        ("size", "sampled, mean", "mesh, mean", "difference, mean (%)", "furthest (%)"),
+        tuple(lines),
+        rows_shown=ROWS_SHOWN,
     )
