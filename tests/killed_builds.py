@@ -40,7 +40,7 @@ def write_small_study(folder: Path) -> Path:
     with (folder / "shapes.csv").open("w", newline="", encoding="utf-8") as stream:
         csv.writer(stream).writerows([header, *rows])
     truth = json.loads((folder / "truth" / "truth.json").read_text("utf-8"))
-    for shape in truth["shapes"]:
+    for shape, _ in truth["value"]["deformations"]:
         shape["subject"] = given[shape["subject"]]
     (folder / "truth" / "truth.json").write_text(json.dumps(truth), "utf-8")
     text = path.read_text("utf-8").replace(

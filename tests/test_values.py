@@ -3,14 +3,14 @@
 import dataclasses
 import pickle  # noqa: TID251 (what multiprocessing uses)
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import InputError
-from ostiform.values import Axes, IndexOf, axis_length, value
+from ostiform.values import Above, AtLeast, Axes, IndexOf, axis_length, value
 
 
 @value
@@ -27,6 +27,13 @@ class Field:
     mesh: Annotated[Mesh, Axes("V")]
     numbers: Annotated[FloatArray, Axes("V", gaps=True)]
     others: tuple[Annotated[FloatArray, Axes("K", "K")], ...] = ()
+
+
+@value(eq=True)
+class Rules:
+    kind: Literal["plain", "fancy"] = "plain"
+    rounds: Annotated[int, AtLeast(1)] = 1
+    sd_mm: Annotated[FloatArray, Axes(None), Above(0)] | None = None
 
 
 @value(eq=True)
@@ -70,6 +77,20 @@ def test_what_is_frozen_already_is_not_copied_again():
     assert second.vertices is first.vertices
     assert second.loops is first.loops
     assert dataclasses.replace(first, faces=first.faces[:0]).vertices is first.vertices
+
+
+def test_bounds_and_choices_hold_where_they_are_stated():
+    assert Rules("fancy", 3, np.array([])).rounds == 3
+    assert Rules() == Rules("plain", 1, None)
+    with pytest.raises(InputError, match='kind: expected one of plain, fancy, found "odd"'):
+        Rules(kind="odd")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="rounds: expected at least 1, found 0"):
+        Rules(rounds=0)
+    with pytest.raises(InputError, match="sd mm: expected a number above 0, found 0"):
+        Rules(sd_mm=np.array([1.0, 0.0]))
+    for bad in (np.nan, np.inf):
+        with pytest.raises(InputError, match=f"rounds: expected at least 1, found {bad}"):
+            Rules(rounds=bad)  # type: ignore[arg-type]
 
 
 def test_values_travel_between_processes():

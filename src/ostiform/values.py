@@ -2,8 +2,8 @@
 
 A class under `value` is a frozen dataclass whose fields are checked and frozen once, when it is
 made: arrays become read-only (float64, int64 or bool, finite, of the shape that `Axes` states),
-mappings read-only, sequences tuples. What annotations cannot say stays in ``__post_init__``, which
-runs afterwards.
+mappings read-only, sequences tuples; numbers are held to `AtLeast` and `Above`, choices to
+``Literal``. What annotations cannot say stays in ``__post_init__``, which runs afterwards.
 
 ::
 
@@ -21,6 +21,7 @@ from functools import cache, partial
 from typing import (
     Annotated,
     Any,
+    Literal,
     TypeVar,
     Union,
     dataclass_transform,
@@ -107,6 +108,36 @@ def _made_value(cls: Any, *, eq: bool, kw_only: bool) -> Any:
     return dataclasses.dataclass(frozen=True, slots=True, eq=eq, kw_only=kw_only)(cls)
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class AtLeast:
+    """That a number, or every one of an array, is finite and not below this."""
+
+    least: float
+
+    def holds(self, number: float) -> bool:
+        """Whether a number keeps it."""
+        return number >= self.least
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"at least {self.least:g}"
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Above:
+    """That a number, or every one of an array, is finite and greater than this."""
+
+    bound: float
+
+    def holds(self, number: float) -> bool:
+        """Whether a number keeps it."""
+        return number > self.bound
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"a number above {self.bound:g}"
+
+
 Sizes = dict[str, int]
 Step = Callable[[Any, Sizes, str], Any]
 """Takes what a field was given, the axes known so far and its name; returns what it keeps."""
@@ -135,9 +166,9 @@ def settle(self: Any) -> None:
 
 @cache
 def type_hints(cls: type) -> dict[str, Any]:
-    """Return the annotations of a dataclass's fields, by name and in order, with what they add."""
+    """Return the annotations of the fields that a dataclass is made from, by name and in order."""
     hints = get_type_hints(cls, include_extras=True)
-    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
+    return {field.name: hints[field.name] for field in dataclasses.fields(cls) if field.init}
 
 
 def dtype_of(hint: Any) -> Any:
@@ -180,6 +211,14 @@ def _is_array(hint: Any) -> bool:
 
 
 def _step_and_check(hint: Any) -> tuple[Step | None, Check | None]:
+    step, check = _step_and_check_of_kind(hint)
+    for bound in unwrapped(hint)[1]:
+        if isinstance(bound, (AtLeast, Above)):
+            step = _bounded(step, bound)
+    return step, check
+
+
+def _step_and_check_of_kind(hint: Any) -> tuple[Step | None, Check | None]:
     hint, added = unwrapped(hint)
     axes = next((one for one in added if isinstance(one, Axes)), None)
     index = next((one for one in added if isinstance(one, IndexOf)), None)
@@ -187,6 +226,8 @@ def _step_and_check(hint: Any) -> tuple[Step | None, Check | None]:
     if origin is np.ndarray:
         check = None if index is None else _index_check(index.axis)
         return _array_step(dtype_of(hint), axes or ANY_SHAPE), check
+    if origin is Literal:
+        return _choice_step(get_args(hint)), None
     if origin is tuple and get_args(hint)[1:] == (...,):
         return _tuple_steps(get_args(hint)[0], axes)
     if origin is Mapping:
@@ -196,6 +237,27 @@ def _step_and_check(hint: Any) -> tuple[Step | None, Check | None]:
     if axes is not None:
         return _shared_axes_step(axes), None
     return None, None
+
+
+def _bounded(own: Step | None, bound: AtLeast | Above) -> Step:
+    def step(given: Any, known: Sizes, name: str) -> Any:
+        kept = given if own is None else own(given, known, name)
+        for number in np.ravel(kept):
+            if not (bound.holds(number) and number < np.inf):
+                raise InputError(f"{name}: expected {bound}, found {number:g}")
+        return kept
+
+    return step
+
+
+def _choice_step(choices: tuple[Any, ...]) -> Step:
+    def step(given: Any, known: Sizes, name: str) -> Any:
+        if given not in choices:
+            allowed = ", ".join(map(str, choices))
+            raise InputError(f'{name}: expected one of {allowed}, found "{given}"')
+        return given
+
+    return step
 
 
 def _array_step(dtype: Any, axes: Axes) -> Step:

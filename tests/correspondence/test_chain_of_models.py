@@ -148,7 +148,7 @@ def test_a_population_of_one_is_refused():
     ],
 )
 def test_settings_that_cannot_be_used_are_refused(name, value):
-    with pytest.raises(InputError, match=name):
+    with pytest.raises(InputError, match=f"{name.replace('_', ' ')}: expected"):
         CorrespondenceSettings(**{name: value})
 
 

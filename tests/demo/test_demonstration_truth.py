@@ -109,9 +109,9 @@ def test_damaged_and_foreign_files_are_refused(truth, tmp_path):
     document = json.loads(path.read_text(encoding="utf-8"))
     with pytest.raises(ArtifactError, match="generate the population again"):
         read_truth(tmp_path / "missing.json")
-    for key, value, message in (("schema", 9, "schema 1"), ("maps", [], "complete parameters")):
-        path.write_text(json.dumps({**document, key: value}), encoding="utf-8")
-        with pytest.raises(ArtifactError, match=message):
+    for changed in ({"layout": 9}, {"value": {**document["value"], "anatomy": {}}}):
+        path.write_text(json.dumps({**document, **changed}), encoding="utf-8")
+        with pytest.raises(ArtifactError, match="expected the truth .* generate the population"):
             read_truth(path)
     path.write_text("{", encoding="utf-8")
     with pytest.raises(ArtifactError):

@@ -125,9 +125,9 @@ def test_unseen_points_of_a_left_out_subject_are_predicted_better_from_a_widened
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda model: Kernel(0.0, 3.0), "sd_mm"),
-        (lambda model: Kernel(1.0, np.inf), "length_mm"),
-        (lambda model: Kernel(1.0, 1.0, "box"), "gaussian or compact"),  # type: ignore[arg-type]
+        (lambda model: Kernel(0.0, 3.0), "sd mm"),
+        (lambda model: Kernel(1.0, np.inf), "length mm"),
+        (lambda model: Kernel(1.0, 1.0, "box"), "gaussian, compact"),  # type: ignore[arg-type]
         (lambda model: widened(model, []), "at least one kernel"),
         (lambda model: widened(model, [Kernel(1, 1)], left_out=1.0), "to leave out"),
         (lambda model: widened(model, [Kernel(1, 1)], most_fields=0), "at least 1 field"),

@@ -7,9 +7,8 @@ times ``sum_p w_p |s R mean_i(x_ip) + t - m_p|^2`` by a term that holds s but ne
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from ostiform.domain import (
     weighted_norms,
 )
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 AlignmentMode: TypeAlias = Literal["rigid", "similarity", "none"]
 MODES: tuple[AlignmentMode, ...] = ("rigid", "similarity", "none")
@@ -48,7 +48,7 @@ class AlignmentStatus(Enum):
     NOT_ALIGNED = "the shapes were left in their input coordinates"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Alignment:
     """Shapes aligned to their mean.
 
@@ -67,27 +67,13 @@ class Alignment:
     status : AlignmentStatus
     """
 
-    aligned: FloatArray
-    transforms: FloatArray
-    mean: FloatArray
+    aligned: Annotated[FloatArray, Axes("N", "P", 3)]
+    transforms: Annotated[FloatArray, Axes("N", 4, 4)]
+    mean: Annotated[FloatArray, Axes("P", 3)]
     reference: int
-    mirrored: BoolArray
+    mirrored: Annotated[BoolArray, Axes("N")]
     iterations: int
     status: AlignmentStatus
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.aligned)
-        object.__setattr__(self, "aligned", frozen_floats(self.aligned, (None, None, 3), "aligned"))
-        object.__setattr__(
-            self, "transforms", frozen_floats(self.transforms, (count, 4, 4), "transforms")
-        )
-        object.__setattr__(
-            self, "mean", frozen_floats(self.mean, (self.aligned.shape[1], 3), "mean")
-        )
-        mirrored = np.array(self.mirrored, dtype=np.bool_)
-        mirrored.flags.writeable = False
-        object.__setattr__(self, "mirrored", mirrored)
 
 
 def align(

@@ -1,12 +1,12 @@
 """Control points of the warps, and the basis fields they carry (HY 2.3, design 5)."""
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.fields import (
     FieldBasis,
     bump_fields,
@@ -16,6 +16,7 @@ from ostiform.correspondence.fields import (
 )
 from ostiform.domain import Circle, Template
 from ostiform.surface import unique_edges
+from ostiform.values import Axes, value
 
 # Support of an interior spline over the mean chord to the three nearest control points of its
 # part, and the limits of that support: fields narrower than a few template edges would only
@@ -33,7 +34,7 @@ NARROWEST_SLIDE, WIDEST_SLIDE = 0.2, 0.8
 WIDE_TURNS = (0.15, 0.25, 0.4, 0.65, 1.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class ControlPoints:
     """Where the values of the vector fields are given.
 
@@ -52,22 +53,12 @@ class ControlPoints:
         Chord (interior) or angle from the circle (boundary) at which its field vanishes.
     """
 
-    directions: FloatArray
-    sphere: IntArray
-    part: IntArray
-    curve: IntArray
-    level: IntArray
-    support: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.directions)
-        object.__setattr__(
-            self, "directions", frozen_floats(self.directions, (None, 3), "control points")
-        )
-        object.__setattr__(self, "support", frozen_floats(self.support, (count,), "support"))
-        for name in ("sphere", "part", "curve", "level"):
-            object.__setattr__(self, name, frozen_ints(getattr(self, name), (count,), name))
+    directions: Annotated[FloatArray, Axes("C", 3)]
+    sphere: Annotated[IntArray, Axes("C")]
+    part: Annotated[IntArray, Axes("C")]
+    curve: Annotated[IntArray, Axes("C")]
+    level: Annotated[IntArray, Axes("C")]
+    support: Annotated[FloatArray, Axes("C")]
 
     @property
     def n_interior(self) -> int:

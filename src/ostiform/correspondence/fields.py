@@ -1,11 +1,11 @@
 """Warps of the component spheres: smooth fields tangent to the circles, and flows (HY 2.3)."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints, read_only
+from ostiform.arrays import FloatArray, IntArray, read_only
 from ostiform.correspondence.field_kernels import (
     BOOST,
     BUMP,
@@ -19,6 +19,7 @@ from ostiform.correspondence.flow_kernels import flow_points, velocities
 from ostiform.correspondence.merged_velocity import MergedVelocity, merged_velocity
 from ostiform.domain import BaseDomain, Template, tangent_frame
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 # Widths of the cut-off of the normal component at a circle: twice the circle's radius (near a
 # hole the natural coordinate is the logarithm of the distance), never wider than this angle, and
@@ -44,7 +45,7 @@ class OnSpheres(Protocol):
         """Row of the circle that each point lies on, (P,); -1 in the interior."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class FieldBasis:
     """D smooth tangent vector fields on the component spheres, tangent to every circle.
 
@@ -61,18 +62,10 @@ class FieldBasis:
         The circles in the order of `Template.curves`; see `circle_table`.
     """
 
-    table: FloatArray
-    labels: IntArray
-    control: IntArray
-    circles: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "table", frozen_floats(self.table, (None, 12), "fields"))
-        count = len(self.table)
-        object.__setattr__(self, "labels", frozen_ints(self.labels, (count, 4), "field labels"))
-        object.__setattr__(self, "control", frozen_ints(self.control, (count,), "field control"))
-        object.__setattr__(self, "circles", frozen_floats(self.circles, (None, 8), "circles"))
+    table: Annotated[FloatArray, Axes("D", 12)]
+    labels: Annotated[IntArray, Axes("D", 4)]
+    control: Annotated[IntArray, Axes("D")]
+    circles: Annotated[FloatArray, Axes("K", 8)]
 
     def __len__(self) -> int:
         """Return the number D of fields."""

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.correspondence.alignment import AlignmentMode
 from ostiform.correspondence.fields import FieldBasis
 from ostiform.correspondence.terms.landmarks import TemplateMarks
@@ -11,6 +12,7 @@ from ostiform.correspondence.terms.metric import MetricTerm
 from ostiform.correspondence.terms.quadratic_form import QuadraticForm
 from ostiform.domain import Template
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +32,7 @@ class FrozenLevel:
     forms: Mapping[str, QuadraticForm]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class FrozenModel:
     """What places further shapes in a correspondence, as its run left it.
 
@@ -61,31 +63,20 @@ class FrozenModel:
         All that the run went through, repeated ones too; empty for the conformal kind.
     """
 
-    template: Template
+    template: Annotated[Template, Axes("P")]
     n_optimised: int
-    weights: FloatArray
-    mean: FloatArray
-    coarse_weights: FloatArray
+    weights: Annotated[FloatArray, Axes("P")]
+    mean: Annotated[FloatArray, Axes("P", 3)]
+    coarse_weights: Annotated[FloatArray, Axes(None)]
     stretch: float
     offset: float
     metric: MetricTerm
     marks: TemplateMarks | None
     alignment: AlignmentMode
     jointly: bool
-    ids: tuple[ShapeId, ...]
-    transforms: FloatArray
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    transforms: Annotated[FloatArray, Axes("N", 4, 4)]
     levels: tuple[FrozenLevel, ...]
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        points, shapes = len(self.template.points), len(self.ids)
-        for name, shape in (
-            ("weights", (points,)),
-            ("mean", (points, 3)),
-            ("coarse_weights", (None,)),
-            ("transforms", (shapes, 4, 4)),
-        ):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
 
     def transform_of(self, subject: str) -> FloatArray | None:
         """Return the transform (4, 4) of a subject that has phases in the model; None elsewhere.

@@ -1,15 +1,14 @@
 """Settings of the correspondence stage, checked when they are made."""
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from ostiform.correspondence.alignment import AlignmentMode
-from ostiform.errors import InputError
+from ostiform.values import Above, AtLeast, value
 
 Optimiser = Literal["majorise", "conjugate-gradient"]
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class CorrespondenceSettings:
     """How shapes are brought into correspondence.
 
@@ -51,52 +50,18 @@ class CorrespondenceSettings:
     """
 
     optimiser: Optimiser = "majorise"
-    levels: int = 4
-    n_points: int = 2500
-    n_optimised: int = 500
-    noise_mm: float | None = None
+    levels: Annotated[int, AtLeast(1)] = 4
+    n_points: Annotated[int, AtLeast(12)] = 2500
+    n_optimised: Annotated[int, AtLeast(12)] = 500
+    noise_mm: Annotated[float, Above(0)] | None = None
     alignment: AlignmentMode = "rigid"
     per: Literal["subject", "shape"] = "subject"
-    batch: int | None = None
-    sweeps: int = 20
-    tolerance: float = 2e-3
-    stretch: float = 20.0
-    offset: float = 20.0
-    coherence: float = 1e6
-    metric: float = 300.0
-    euclidean_noise_mm: float | None = None
+    batch: Annotated[int, AtLeast(2)] | None = None
+    sweeps: Annotated[int, AtLeast(1)] = 20
+    tolerance: Annotated[float, AtLeast(0)] = 2e-3
+    stretch: Annotated[float, AtLeast(0)] = 20.0
+    offset: Annotated[float, AtLeast(0)] = 20.0
+    coherence: Annotated[float, AtLeast(0)] = 1e6
+    metric: Annotated[float, AtLeast(0)] = 300.0
+    euclidean_noise_mm: Annotated[float, Above(0)] | None = None
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Refuse settings that cannot be used."""
-        for name, choices in (
-            ("optimiser", ("majorise", "conjugate-gradient")),
-            ("alignment", ("rigid", "similarity", "none")),
-            ("per", ("subject", "shape")),
-        ):
-            if getattr(self, name) not in choices:
-                raise InputError(
-                    f"correspondence {name}: expected one of {', '.join(choices)}, found "
-                    f'"{getattr(self, name)}"'
-                )
-        for name, least in (("levels", 1), ("n_points", 12), ("n_optimised", 12), ("sweeps", 1)):
-            if getattr(self, name) < least:
-                raise InputError(
-                    f"correspondence {name}: expected at least {least}, found {getattr(self, name)}"
-                )
-        if self.batch is not None and self.batch < 2:
-            raise InputError(
-                f"correspondence batch: expected at least 2 shapes, found {self.batch}"
-            )
-        for name in ("noise_mm", "euclidean_noise_mm"):
-            value = getattr(self, name)
-            if value is not None and not value > 0.0:
-                raise InputError(
-                    f"correspondence {name}: expected millimetres above 0, found {value:g}"
-                )
-        for name in ("tolerance", "stretch", "offset", "coherence", "metric"):
-            if not getattr(self, name) >= 0.0:
-                raise InputError(
-                    f"correspondence {name}: expected a number not below 0, found "
-                    f"{getattr(self, name):g}"
-                )

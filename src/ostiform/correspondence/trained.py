@@ -1,9 +1,9 @@
 """What a correspondence run leaves behind: the shared metric and one trained model per kind."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats, frozen_ints
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.correspondence.alignment import AlignmentMode
 from ostiform.correspondence.checkpoint import LevelStatus, SweepRecord
 from ostiform.correspondence.control_points import ControlPoints
@@ -11,12 +11,13 @@ from ostiform.correspondence.frozen import FrozenModel
 from ostiform.correspondence.types import Correspondence
 from ostiform.correspondence.warp import Warps
 from ostiform.domain import BaseDomain, Template
+from ostiform.values import Axes, value
 
 Kind = Literal["conformal", "euclidean", "optimal"]
 KINDS: tuple[Kind, ...] = ("conformal", "euclidean", "optimal")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SharedMetric:
     """What the three models of a comparison share, fixed from the conformal sampling (design 6).
 
@@ -37,18 +38,12 @@ class SharedMetric:
     """
 
     domain: BaseDomain
-    template: Template
-    weights: FloatArray
+    template: Annotated[Template, Axes("P")]
+    weights: Annotated[FloatArray, Axes("P")]
     noise_mm: float
     l_cut: float
     alignment: AlignmentMode
-    groups: IntArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.template.points)
-        object.__setattr__(self, "weights", frozen_floats(self.weights, (count,), "weights"))
-        object.__setattr__(self, "groups", frozen_ints(self.groups, (None,), "groups"))
+    groups: Annotated[IntArray, Axes(None)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,15 +1,16 @@
 """The shapes of a population resampled in correspondence."""
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.domain import Template
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Correspondence:
     """N shapes sampled at the P points of one template.
 
@@ -30,25 +31,13 @@ class Correspondence:
         Population-mean area share of each point, sum 1.
     """
 
-    template: Template
-    ids: tuple[ShapeId, ...]
-    directions: FloatArray
-    points: FloatArray
-    aligned: FloatArray
-    transforms: FloatArray
-    weights: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        n, p = len(self.ids), len(self.template.points)
-        for name, shape in (
-            ("directions", (n, p, 3)),
-            ("points", (n, p, 3)),
-            ("aligned", (n, p, 3)),
-            ("transforms", (n, 4, 4)),
-            ("weights", (p,)),
-        ):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+    template: Annotated[Template, Axes("P")]
+    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    directions: Annotated[FloatArray, Axes("N", "P", 3)]
+    points: Annotated[FloatArray, Axes("N", "P", 3)]
+    aligned: Annotated[FloatArray, Axes("N", "P", 3)]
+    transforms: Annotated[FloatArray, Axes("N", 4, 4)]
+    weights: Annotated[FloatArray, Axes("P")]
 
     @property
     def subjects(self) -> np.ndarray:

@@ -8,6 +8,7 @@ bit for bit.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ostiform.arrays import FloatArray, IntArray, frozen_floats
 from ostiform.correspondence.fields import FieldBasis, flow
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
+from ostiform.values import Axes, value
 
 # Radians from a circle at which a direction is on it.
 ON_CIRCLE = 1e-9
@@ -37,7 +39,7 @@ class Step:
     fastest: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Steps:
     """The steps of N shapes at one level, in order; a shape that took fewer has zeros.
 
@@ -48,16 +50,8 @@ class Steps:
     fastest : (S, N) float64
     """
 
-    coefficients: FloatArray
-    fastest: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        shape = self.coefficients.shape
-        object.__setattr__(
-            self, "coefficients", frozen_floats(self.coefficients, (None,) * 3, "coefficients")
-        )
-        object.__setattr__(self, "fastest", frozen_floats(self.fastest, shape[:2], "speeds"))
+    coefficients: Annotated[FloatArray, Axes("S", "N", "D")]
+    fastest: Annotated[FloatArray, Axes("S", "N")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

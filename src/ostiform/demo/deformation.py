@@ -1,27 +1,11 @@
 """Deformations: compositions of diffeomorphisms of space, with Jacobians and inverses."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from ostiform.arrays import FloatArray
-
-
-class SpaceMap(Protocol):
-    """An invertible smooth map of space, vectorised over points (n, 3) in mm."""
-
-    def forward(self, points: FloatArray) -> FloatArray:
-        """Return the images (n, 3)."""
-        ...
-
-    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the images (n, 3) and the derivatives (n, 3, 3): row the image's coordinate."""
-        ...
-
-    def inverse(self, points: FloatArray) -> FloatArray:
-        """Return the points (n, 3) whose images are given."""
-        ...
+from ostiform.demo.spacemaps import SpaceMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,19 +5,21 @@ correspondence are its images under diffeomorphisms of space (`deformation`).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import BoolArray, FloatArray, frozen_floats, frozen_mapping
+from ostiform.arrays import BoolArray, FloatArray, frozen_floats
 from ostiform.compiled import kernel
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 _SMALLEST_NORM = 1e-12
 """Lengths below this are the centre or the axis of a primitive, where its gradient is undefined."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Ellipsoid:
     """A solid ellipsoid, its distance exact to first order at the surface.
 
@@ -32,17 +34,9 @@ class Ellipsoid:
         Rotation whose columns are the directions of the semi-axes.
     """
 
-    center: FloatArray
-    semi_axes: FloatArray
-    frame: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "ellipsoid centre"))
-        object.__setattr__(
-            self, "semi_axes", frozen_floats(self.semi_axes, (3,), "ellipsoid semi-axes")
-        )
-        object.__setattr__(self, "frame", frozen_floats(self.frame, (3, 3), "ellipsoid frame"))
+    center: Annotated[FloatArray, Axes(3)]
+    semi_axes: Annotated[FloatArray, Axes(3)]
+    frame: Annotated[FloatArray, Axes(3, 3)]
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the corners (3,), (3,) of the axis-aligned box round the ellipsoid."""
@@ -50,7 +44,7 @@ class Ellipsoid:
         return self.center - reach, self.center + reach
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Tube:
     """A straight tube with round ends, its radius linear between two points.
 
@@ -62,15 +56,10 @@ class Tube:
     start_radius, end_radius : float, mm
     """
 
-    start: FloatArray
-    end: FloatArray
+    start: Annotated[FloatArray, Axes(3)]
+    end: Annotated[FloatArray, Axes(3)]
     start_radius: float
     end_radius: float
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "start", frozen_floats(self.start, (3,), "tube start"))
-        object.__setattr__(self, "end", frozen_floats(self.end, (3,), "tube end"))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the corners (3,), (3,) of the axis-aligned box round the tube."""
@@ -80,7 +69,7 @@ class Tube:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Cut:
     """A surface that opens a body, or divides it into two parts that share a seam.
 
@@ -105,25 +94,22 @@ class Cut:
 
     first: str
     second: str | None
-    center: FloatArray
-    normal: FloatArray
+    center: Annotated[FloatArray, Axes(3)]
+    normal: Annotated[FloatArray, Axes(3)]
     radius_mm: float
-    saddle_axis: FloatArray
+    saddle_axis: Annotated[FloatArray, Axes(3)]
     saddle_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        """Normalise the directions and make them read-only."""
-        normal = np.asarray(self.normal, dtype=np.float64)
-        normal = normal / np.linalg.norm(normal)
-        axis = np.asarray(self.saddle_axis, dtype=np.float64)
-        axis = axis - (axis @ normal) * normal
+        """Normalise the directions."""
+        normal = self.normal / np.linalg.norm(self.normal)
+        axis = self.saddle_axis - (self.saddle_axis @ normal) * normal
         length = np.linalg.norm(axis)
         if length < _SMALLEST_NORM:
             raise InputError(
                 f"cut {self.first}: expected a saddle axis across the normal, found one along it; "
                 "give another axis"
             )
-        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "cut centre"))
         object.__setattr__(self, "normal", frozen_floats(normal, (3,), "cut normal"))
         object.__setattr__(self, "saddle_axis", frozen_floats(axis / length, (3,), "saddle axis"))
 
@@ -144,7 +130,7 @@ class Cut:
         return within
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Anatomy:
     """A body {f < 0} in material coordinates, its cuts, and the parts these divide it into.
 
@@ -161,11 +147,11 @@ class Anatomy:
     primitives: tuple[Ellipsoid | Tube, ...]
     blend_mm: float
     cuts: tuple[Cut, ...]
-    seeds: Mapping[str, FloatArray]
+    seeds: Mapping[str, Annotated[FloatArray, Axes(3)]]
     _tables: tuple[FloatArray, FloatArray, FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the names, make the mapping read-only and lay the primitives out for `level`."""
+        """Check the names and lay the primitives out for `level`."""
         ellipsoids = [p for p in self.primitives if isinstance(p, Ellipsoid)]
         tubes = [p for p in self.primitives if isinstance(p, Tube)]
         tables = (
@@ -176,16 +162,12 @@ class Anatomy:
             ),
         )
         object.__setattr__(self, "_tables", tables)
-        seeds = {
-            part: frozen_floats(seed, (3,), f"seed {part}") for part, seed in self.seeds.items()
-        }
-        object.__setattr__(self, "seeds", frozen_mapping(seeds))
         for cut in self.cuts:
             for ostium in (cut.first, cut.second):
-                if ostium is not None and ostium.partition(".")[0] not in seeds:
+                if ostium is not None and ostium.partition(".")[0] not in self.seeds:
                     raise InputError(
-                        f"cut {ostium}: expected an ostium of one of the parts {', '.join(seeds)}; "
-                        "name it PART.OSTIUM"
+                        f"cut {ostium}: expected an ostium of one of the parts "
+                        f"{', '.join(self.seeds)}; name it PART.OSTIUM"
                     )
 
     def level(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:

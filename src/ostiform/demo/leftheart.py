@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ostiform.arrays import FloatArray, frozen_mapping
-from ostiform.demo.deformation import Deformation, SpaceMap
+from ostiform.demo.deformation import Deformation
 from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
-from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
+from ostiform.demo.spacemaps import Affine, Axial, Bumps, SpaceMap, TubeWarp
 
 _BLEND_MM = 2.0
 _LONGEST_BEND_MM = 4.5

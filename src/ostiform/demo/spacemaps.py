@@ -4,7 +4,8 @@
 method, which converges because their displacements are contractions or nearly so.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,9 +14,10 @@ from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.compiled import kernel
 from ostiform.demo.inversion import INVERSE_TOLERANCE_MM, MAX_NEWTON_STEPS, newton_inverse
 from ostiform.errors import ConvergenceError, InputError
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Affine:
     """x -> matrix x + shift.
 
@@ -26,13 +28,11 @@ class Affine:
     shift : (3,) float64, mm
     """
 
-    matrix: FloatArray
-    shift: FloatArray
+    matrix: Annotated[FloatArray, Axes(3, 3)]
+    shift: Annotated[FloatArray, Axes(3)]
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "matrix", frozen_floats(self.matrix, (3, 3), "affine matrix"))
-        object.__setattr__(self, "shift", frozen_floats(self.shift, (3,), "affine shift"))
+        """Check the orientation."""
         if np.linalg.det(self.matrix) <= 0.0:
             raise InputError(
                 f"affine map: expected a positive determinant, found "
@@ -52,7 +52,7 @@ class Affine:
         return (points - self.shift) @ np.linalg.inv(self.matrix).T
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Axial:
     """Each plane of constant z is scaled and turned about an axis and displaced.
 
@@ -71,28 +71,19 @@ class Axial:
     turn : (K,) float64, radians
     """
 
-    axis_point: FloatArray
-    knots: FloatArray
-    displacement: FloatArray
-    log_scale: FloatArray
-    turn: FloatArray
+    axis_point: Annotated[FloatArray, Axes(2)]
+    knots: Annotated[FloatArray, Axes("K")]
+    displacement: Annotated[FloatArray, Axes("K", 3)]
+    log_scale: Annotated[FloatArray, Axes("K", 2)]
+    turn: Annotated[FloatArray, Axes("K")]
     _profiles: CubicSpline = field(init=False, repr=False)  # of all six, one column each
 
     def __post_init__(self) -> None:
-        """Check the arrays, make them read-only, and check that heights keep their order."""
-        n = len(self.knots)
-        for name, shape in (
-            ("axis_point", (2,)),
-            ("knots", (n,)),
-            ("displacement", (n, 3)),
-            ("log_scale", (n, 2)),
-            ("turn", (n,)),
-        ):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+        """Lay out the profiles, and check that heights keep their order."""
         table = np.column_stack([self.displacement, self.log_scale, self.turn])  # (K, 6)
         profiles = CubicSpline(self.knots, table, bc_type="clamped")
         object.__setattr__(self, "_profiles", profiles)
-        heights = np.linspace(self.knots[0], self.knots[-1], 64 * n)
+        heights = np.linspace(self.knots[0], self.knots[-1], 64 * len(self.knots))
         rise = 1.0 + profiles(heights, 1)[:, 2]
         if rise.min() <= 0.0:
             raise InputError(
@@ -163,7 +154,7 @@ class Axial:
         return self._profiles(inside), slope
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class TubeWarp:
     """Length, direction and calibre of a tube changed by deforming the space round it.
 
@@ -184,22 +175,18 @@ class TubeWarp:
         Relative change of the radius.
     """
 
-    base: FloatArray
-    axis: FloatArray
+    base: Annotated[FloatArray, Axes(3)]
+    axis: Annotated[FloatArray, Axes(3)]
     length: float
     inner_radius: float
     outer_radius: float
-    reach: FloatArray
+    reach: Annotated[FloatArray, Axes(3)]
     widening: float
 
     def __post_init__(self) -> None:
-        """Normalise the axis and make the arrays read-only."""
-        axis = np.asarray(self.axis, dtype=np.float64)
-        object.__setattr__(self, "base", frozen_floats(self.base, (3,), "tube base"))
-        object.__setattr__(
-            self, "axis", frozen_floats(axis / np.linalg.norm(axis), (3,), "tube axis")
-        )
-        object.__setattr__(self, "reach", frozen_floats(self.reach, (3,), "tube reach"))
+        """Normalise the axis and check the radii."""
+        axis = frozen_floats(self.axis / np.linalg.norm(self.axis), (3,), "tube axis")
+        object.__setattr__(self, "axis", axis)
         if not 0.0 < self.inner_radius < self.outer_radius:
             raise InputError(
                 f"tube warp: expected 0 < inner radius < outer radius, found {self.inner_radius} "
@@ -227,7 +214,7 @@ class TubeWarp:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Bumps:
     """Regional displacements: x + sum_k d_k (1 - |x - c_k|^2 / s_k^2)^4 inside |x - c_k| < s_k.
 
@@ -238,15 +225,9 @@ class Bumps:
     displacements : (K, 3) float64, mm
     """
 
-    centers: FloatArray
-    radii: FloatArray
-    displacements: FloatArray
-
-    def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        n = len(self.centers)
-        for name, shape in (("centers", (n, 3)), ("radii", (n,)), ("displacements", (n, 3))):
-            object.__setattr__(self, name, frozen_floats(getattr(self, name), shape, name))
+    centers: Annotated[FloatArray, Axes("K", 3)]
+    radii: Annotated[FloatArray, Axes("K")]
+    displacements: Annotated[FloatArray, Axes("K", 3)]
 
     def forward(self, points: FloatArray) -> FloatArray:
         """Return the images (n, 3)."""
@@ -265,6 +246,10 @@ class Bumps:
         return _bump_displacement(
             np.ascontiguousarray(points), self.centers, self.radii, self.displacements
         )
+
+
+SpaceMap: TypeAlias = Affine | Axial | TubeWarp | Bumps
+"""An invertible smooth map of space: images, derivatives and inverses of points (n, 3) in mm."""
 
 
 @kernel

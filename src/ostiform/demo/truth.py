@@ -4,32 +4,25 @@
 maps themselves are evaluated when asked for.
 """
 
-import json
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_mapping
+from ostiform.arrays import FloatArray, IntArray
+from ostiform.artifacts import load, save
 from ostiform.atomic import atomically
-from ostiform.demo.deformation import Deformation, SpaceMap
-from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
+from ostiform.demo.deformation import Deformation
+from ostiform.demo.implicit import Anatomy
 from ostiform.demo.inversion import solve3
 from ostiform.demo.relaxation import cut_slopes, project_to_curves, project_to_surface
-from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
-from ostiform.errors import ArtifactError, InputError
+from ostiform.errors import InputError
 from ostiform.study import ShapeId
 from ostiform.values import value
 
-_SCHEMA = 1
 _CLOSEST_POINT_STEPS = 8
 _ARRIVED_MM = 1e-10
 """Steps shorter than this move no digit of a distance that anyone reads."""
-_KINDS: Mapping[str, Any] = frozen_mapping(
-    {kind.__name__: kind for kind in (Ellipsoid, Tube, Cut, Affine, Axial, Bumps, TubeWarp)}
-)
 
 
 @value
@@ -159,35 +152,9 @@ def true_positions(truth: Truth, shape_id: ShapeId, part: str, material: FloatAr
 
 def write_truth(truth: Truth, path: Path) -> Path:
     """Write a truth as JSON and return the path."""
-    maps: dict[int, tuple[int, SpaceMap]] = {}
-    shapes = []
-    for shape_id, deformation in truth.deformations.items():
-        indices = [maps.setdefault(id(step), (len(maps), step))[0] for step in deformation.maps]
-        shapes.append(
-            {
-                "subject": shape_id.subject,
-                "phase": shape_id.phase,
-                "time": shape_id.time,
-                "maps": indices,
-            }
-        )
-    anatomy = truth.anatomy
-    document = {
-        "schema": _SCHEMA,
-        "units": "mm",
-        "seed": truth.seed,
-        "anatomy": {
-            "primitives": [_encoded(primitive) for primitive in anatomy.primitives],
-            "blend_mm": anatomy.blend_mm,
-            "cuts": [_encoded(cut) for cut in anatomy.cuts],
-            "seeds": {part: seed.tolist() for part, seed in anatomy.seeds.items()},
-        },
-        "maps": [_encoded(step) for _, step in maps.values()],
-        "shapes": shapes,
-    }
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomically(path) as partial:
-        partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        save(partial, truth)
     return path
 
 
@@ -197,55 +164,6 @@ def read_truth(path: Path) -> Truth:
     Raises
     ------
     ArtifactError
-        If the file is missing, damaged, or of another schema.
+        If the file is missing, damaged, or of another layout.
     """
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-        schema = document["schema"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ArtifactError(
-            f"{path}: expected the truth of a generated population, found {error!r:.200}; generate "
-            "the population again"
-        ) from error
-    if schema != _SCHEMA:
-        raise ArtifactError(
-            f"{path}: expected schema {_SCHEMA}, found {schema}; generate the population again"
-        )
-    try:
-        return _decoded_truth(document)
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise ArtifactError(
-            f"{path}: expected complete parameters, found {error!r:.200}; generate the population "
-            "again"
-        ) from error
-
-
-def _decoded_truth(document: dict[str, Any]) -> Truth:
-    anatomy = document["anatomy"]
-    maps = [_decoded(item) for item in document["maps"]]
-    return Truth(
-        int(document["seed"]),
-        Anatomy(
-            tuple(_decoded(item) for item in anatomy["primitives"]),
-            float(anatomy["blend_mm"]),
-            tuple(_decoded(item) for item in anatomy["cuts"]),
-            {part: np.array(seed) for part, seed in anatomy["seeds"].items()},
-        ),
-        {
-            ShapeId(shape["subject"], shape["phase"], float(shape["time"])): Deformation(
-                tuple(maps[index] for index in shape["maps"])
-            )
-            for shape in document["shapes"]
-        },
-    )
-
-
-def _encoded(item: Any) -> dict[str, Any]:
-    values = {field.name: getattr(item, field.name) for field in fields(item) if field.init}
-    plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
-    return {"kind": type(item).__name__, **plain}
-
-
-def _decoded(item: dict[str, Any]) -> Any:
-    values = {k: np.array(v) if isinstance(v, list) else v for k, v in item.items() if k != "kind"}
-    return _KINDS[item["kind"]](**values)
+    return load(path, Truth, "generate the population again")

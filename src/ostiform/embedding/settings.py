@@ -1,16 +1,14 @@
 """How a component is embedded."""
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from ostiform.embedding.energy import EnergyWeights
-from ostiform.errors import InputError
+from ostiform.values import Above, AtLeast, value
 
 Method = Literal["barrier", "harmonic-barrier", "harmonic"]
-METHODS: tuple[Method, ...] = ("barrier", "harmonic-barrier", "harmonic")
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class EmbeddingSettings:
     """The method of embedding and where it stops.
 
@@ -27,23 +25,8 @@ class EmbeddingSettings:
     """
 
     method: Method = "barrier"
-    tolerance: float = 1e-4
-    max_iterations: int = 60
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if self.method not in METHODS:
-            raise InputError(
-                f"embedding method: expected one of {', '.join(METHODS)}, found {self.method!r}"
-            )
-        if not 0.0 < self.tolerance < 1.0:
-            raise InputError(
-                f"embedding tolerance: expected a number between 0 and 1, found {self.tolerance}"
-            )
-        if self.max_iterations < 1:
-            raise InputError(
-                f"embedding max_iterations: expected at least 1, found {self.max_iterations}"
-            )
+    tolerance: Annotated[float, Above(0)] = 1e-4
+    max_iterations: Annotated[int, AtLeast(1)] = 60
 
     @property
     def weights(self) -> EnergyWeights:

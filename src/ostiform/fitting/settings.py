@@ -1,17 +1,15 @@
 """What a fit can be told."""
 
-import math
-from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Annotated, Literal, TypeAlias
 
-from ostiform.errors import InputError
+from ostiform.values import Above, value
 
 TargetKind: TypeAlias = Literal["auto", "surface", "points", "contours", "landmarks"]
 PoseKnowledge: TypeAlias = Literal["known", "near", "unknown"]
 Scaling: TypeAlias = Literal["rigid", "similarity"]
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class FitSettings:
     """How a fit works.
 
@@ -29,15 +27,4 @@ class FitSettings:
 
     pose: PoseKnowledge = "near"
     scaling: Scaling = "rigid"
-    noise_mm: float | None = None
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        for name, value, allowed in (
-            ("pose", self.pose, get_args(PoseKnowledge)),
-            ("scaling", self.scaling, get_args(Scaling)),
-        ):
-            if value not in allowed:
-                raise InputError(f'{name}: expected one of {", ".join(allowed)}, found "{value}"')
-        if self.noise_mm is not None and not 0.0 < self.noise_mm < math.inf:
-            raise InputError(f"noise: expected a positive number in mm, found {self.noise_mm}")
+    noise_mm: Annotated[float, Above(0)] | None = None

@@ -9,7 +9,7 @@ low-rank model with orthonormal modes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
 from ostiform.model.algebra import principal_modes, weighted_size
 from ostiform.model.types import ShapeModel, StoredModel
+from ostiform.values import Above, value
 
 KernelShape = Literal["gaussian", "compact"]
 
@@ -27,7 +28,7 @@ MOST_FIELDS = 400
 """Most columns of the factor, by default: three modes each."""
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class Kernel:
     """A covariance of displacements: ``k(x, y) I_3``, the same for the three coordinates.
 
@@ -43,19 +44,9 @@ class Kernel:
         ``sd^2 (1 - r/R)^4 (4 r/R + 1)`` of the same width, ``R = 3.75 length``, zero beyond R.
     """
 
-    sd_mm: float
-    length_mm: float
+    sd_mm: Annotated[float, Above(0)]
+    length_mm: Annotated[float, Above(0)]
     shape: KernelShape = "gaussian"
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that cannot be used."""
-        for name in ("sd_mm", "length_mm"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise InputError(
-                    f"kernel {name}: expected millimetres above 0, found {getattr(self, name):g}"
-                )
-        if self.shape not in ("gaussian", "compact"):
-            raise InputError(f"kernel shape: expected gaussian or compact, found {self.shape}")
 
 
 COMPACT_RADIUS = 3.75

@@ -4,18 +4,19 @@ With it the report can be made when the study and its meshes are elsewhere.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ostiform import __version__
+from ostiform.artifacts import from_json, to_json
 from ostiform.errors import ArtifactError
 from ostiform.pipeline.correspond import Corresponded
 from ostiform.pipeline.embed import Embedded
 from ostiform.pipeline.prepare import Prepared
 from ostiform.pipeline.run import Failure, Ready, Run
 from ostiform.pipeline.store import Store, file_hash, key_of
-from ostiform.study import ShapeId, Study
+from ostiform.study import Study
 
 RECORD = "run.json"
 SCHEMA = 1
@@ -155,7 +156,7 @@ def _inputs(study: Study) -> tuple[InputFile, ...]:
 
 def write_record(store: Store, record: RunRecord) -> None:
     """Write the record of a run."""
-    facts = {"schema": SCHEMA, **asdict(record)}
+    facts = {"schema": SCHEMA, **to_json(record)}
     store.write_json(RECORD, key_of("run", record.correspondence_key), facts)
 
 
@@ -173,16 +174,7 @@ def read_record(store: Store) -> RunRecord | None:
     try:
         if facts.pop("schema") != SCHEMA:
             raise ValueError("another schema")
-        return RunRecord(
-            **facts
-            | {
-                "shapes": tuple(Ready(**_identified(item)) for item in facts["shapes"]),
-                "failures": tuple(Failure(**_identified(item)) for item in facts["failures"]),
-                "repairs": {name: tuple(said) for name, said in facts["repairs"].items()},
-                "warnings": tuple(facts["warnings"]),
-                "files": tuple(InputFile(**item) for item in facts["files"]),
-            }
-        )
+        return from_json(facts, RunRecord)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ArtifactError(
             f"{store.path(RECORD)}: expected the record of a run of Ostiform {__version__}, found "
@@ -239,8 +231,3 @@ def _below(path: Path, folder: Path) -> str:
         return path.resolve().relative_to(folder.resolve()).as_posix()
     except ValueError:
         return str(path.resolve())
-
-
-def _identified(facts: Mapping[str, Any]) -> dict[str, Any]:
-    stored = facts["id"]
-    return {**facts, "id": ShapeId(stored["subject"], stored["phase"], stored["time"])}

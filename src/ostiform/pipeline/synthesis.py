@@ -1,8 +1,8 @@
 """New shapes from a model file: meshes and animations in a folder of their own."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import quote
 
 import numpy as np
@@ -29,6 +29,7 @@ from ostiform.report import (
 )
 from ostiform.surface import PLAIN_SUFFIXES, write_plain_mesh, write_surface
 from ostiform.tables import write_table
+from ostiform.values import AtLeast, value
 
 MEAN_CYCLE = "mean"
 """Asks for the population's mean cycle where a subject's name asks for that subject's."""
@@ -38,7 +39,7 @@ SAMPLE_LIMIT = 3.0
 """Random scores are truncated at this many standard deviations."""
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class Synthesis:
     """What to make of a model.
 
@@ -72,11 +73,11 @@ class Synthesis:
     modes: tuple[int, ...] = ()
     deviations: tuple[float, ...] = (-2.0, 2.0)
     scores: tuple[float, ...] | None = None
-    samples: int = 0
-    seed: int = 0
+    samples: Annotated[int, AtLeast(0)] = 0
+    seed: Annotated[int, AtLeast(0)] = 0
     cycles: tuple[str, ...] = ()
     heart: tuple[float, ...] | None = None
-    times: int = FRAMES
+    times: Annotated[int, AtLeast(2)] = FRAMES
     suffixes: tuple[str, ...] = (".vtp",)
     animations: bool = True
 
@@ -88,13 +89,6 @@ class Synthesis:
                     f"format of meshes: expected one of "
                     f"{', '.join(s[1:] for s in SUFFIXES)}, found {suffix.lstrip('.')}"
                 )
-        if self.samples < 0 or self.seed < 0:
-            raise InputError(
-                "random shapes: expected a number and a seed of zero or more, found "
-                f"{self.samples} and {self.seed}"
-            )
-        if self.times < 2:
-            raise InputError(f"shapes per cycle: expected at least 2, found {self.times}")
 
 
 def synthesized(

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import nibabel
 import nrrd
@@ -22,14 +22,12 @@ from ostiform.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
-    frozen_floats,
-    frozen_ints,
-    frozen_mapping,
 )
 from ostiform.errors import InputError
 from ostiform.study.frames import Frames, nifti_frames, nrrd_frames
 from ostiform.study.metaimage import read_metaimage, read_metaimage_frames
 from ostiform.surface import MM_PER_UNIT
+from ostiform.values import Axes, value
 
 _LARGEST = 2_000_000_000
 """Voxels: a map beyond 1,250 cubed is a damaged header."""
@@ -63,7 +61,7 @@ _NRRD_TO_LPS = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class LabelMap:
     """Labels on a grid.
 
@@ -80,19 +78,14 @@ class LabelMap:
         What the file leaves open about its place, one sentence each.
     """
 
-    labels: IntArray
-    affine: FloatArray
-    further: tuple[IntArray, ...] = ()
+    labels: Annotated[IntArray, Axes("I", "J", "K")]
+    affine: Annotated[FloatArray, Axes(4, 4)]
+    further: tuple[Annotated[IntArray, Axes("I", "J", "K")], ...] = ()
     segments: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "labels", frozen_ints(self.labels, (None, None, None), "labels"))
-        further = tuple(frozen_ints(item, self.labels.shape, "labels") for item in self.further)
-        object.__setattr__(self, "further", further)
-        object.__setattr__(self, "segments", frozen_mapping(self.segments))
-        object.__setattr__(self, "affine", frozen_floats(self.affine, (4, 4), "affine"))
+        """Check the axes of the voxels."""
         axes = self.affine[:3, :3]
         lengths = np.linalg.norm(axes, axis=0)
         if not (lengths > 0.0).all():

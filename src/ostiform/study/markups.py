@@ -6,13 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
 from ostiform.errors import InputError
 from ostiform.surface import MM_PER_UNIT
+from ostiform.values import Axes, value
 
 DEFAULT_REACH_MM = 20.0
 """The curve that a plane cuts must have its centre this near to the plane's own."""
@@ -22,7 +23,7 @@ _LPS_FROM = {"LPS": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "1": (1.0, 1.0, 1
              "0": (-1.0, -1.0, 1.0)}  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Cut:
     """A plane or a closed curve that opens one tube, mm in LPS.
 
@@ -37,19 +38,17 @@ class Cut:
         The closed curve to cut along, seen along the normal starlike about `center`.
     """
 
-    center: FloatArray
-    normal: FloatArray
+    center: Annotated[FloatArray, Axes(3)]
+    normal: Annotated[FloatArray, Axes(3)]
     reach: float
-    curve: FloatArray | None = None
+    curve: Annotated[FloatArray, Axes("n", 3)] | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        object.__setattr__(self, "center", frozen_floats(self.center, (3,), "centre of a cut"))
-        normal = np.asarray(self.normal, dtype=np.float64)
-        length = float(np.linalg.norm(normal))
+        """Normalise the direction."""
+        length = float(np.linalg.norm(self.normal))
         if not length > 0.0:
             raise InputError("expected a normal of a cut, found a vector of length 0")
-        object.__setattr__(self, "normal", frozen_floats(normal / length, (3,), "normal"))
+        object.__setattr__(self, "normal", frozen_floats(self.normal / length, (3,), "normal"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ no triangle with three of them: what the embedding asks of a mesh (design 3, ste
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ostiform.surface.remesh_kernels import collapse_edges, split_edges
 from ostiform.surface.remesh_mesh import Curves, Mesh
 from ostiform.surface.remesh_smoothing import flip_edges, relax
 from ostiform.surface.topology import boundary_loops, half_edges
+from ostiform.values import AtLeast, value
 
 LONG = 4.0 / 3.0
 SHORT = 4.0 / 5.0
@@ -29,7 +31,7 @@ COUNT_ROUNDS = 8
 SETTLING_ROUNDS = 3
 
 
-@dataclass(frozen=True, slots=True)
+@value(eq=True)
 class RemeshRules:
     """What a remeshing may do.
 
@@ -44,16 +46,8 @@ class RemeshRules:
     """
 
     move_curves: bool = True
-    fewest_on_curve: int = 8
-    iterations: int = 10
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if self.fewest_on_curve < 3 or self.iterations < 1:
-            raise InputError(
-                "remeshing: expected at least 3 vertices on a curve and 1 iteration, found "
-                f"{self.fewest_on_curve} and {self.iterations}"
-            )
+    fewest_on_curve: Annotated[int, AtLeast(3)] = 8
+    iterations: Annotated[int, AtLeast(1)] = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,20 +7,21 @@ l_m (mm^2 per point) of the covariance of the aligned, centred, sqrt(weight)-sca
 in the landmarks that touches F where it was built.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.correspondence.terms.quadratic_form import (
     QuadraticForm,
     form_product,
     no_motions,
 )
 from ostiform.errors import InputError
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class Spectrum:
     """Eigenvalues and eigenvectors of the covariance of weighted landmarks.
 
@@ -33,15 +34,9 @@ class Spectrum:
         Orthonormal rows in the space of sqrt(weight)-scaled landmarks.
     """
 
-    mean: FloatArray
-    eigenvalues: FloatArray
-    modes: FloatArray
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for name in ("mean", "eigenvalues", "modes"):
-            array = getattr(self, name)
-            object.__setattr__(self, name, frozen_floats(array, (None,) * array.ndim, name))
+    mean: Annotated[FloatArray, Axes(None, 3)]
+    eigenvalues: Annotated[FloatArray, Axes("M")]
+    modes: Annotated[FloatArray, Axes("M", None)]
 
 
 def cut_off_eigenvalue(noise_mm: float, n_shapes: int, n_points: int) -> float:
