@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.populations import EDGES_MM, family
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import load
 from ostiform.correspondence import (
     CorrespondenceSettings,
     ShapeSampler,
@@ -29,10 +30,9 @@ from ostiform.correspondence import (
 from ostiform.demo.demonstration import write_population
 from ostiform.demo.truth import Truth, read_truth
 from ostiform.domain import BaseDomain, domain_from_json
-from ostiform.embedding import Embedding
+from ostiform.embedding import Embedding, Embeddings
 from ostiform.evaluation import OriginalMesh
 from ostiform.pipeline import Stage, build_study
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.correspond import correspondence_settings
 from ostiform.pipeline.prepare import read_poses
 from ostiform.pipeline.store import Store, slug
@@ -108,7 +108,7 @@ class Case:
 
     def original(self, index: int) -> OriginalMesh:
         """Return the surface of a shape, all components in one mesh."""
-        parts = self.samplers[index].components
+        parts = [part.component for part in self.samplers[index].components]
         offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
         return OriginalMesh(
             np.vstack([part.vertices for part in parts]),
@@ -187,7 +187,7 @@ def loaded(cache: Path, name: CaseName) -> Case:
     left_out = json.loads((out / "failed.json").read_text(encoding="utf-8"))
     if left_out:
         raise SystemExit(f"{folder}: {len(left_out)} shapes were left out: {left_out[0]}")
-    embeddings = tuple(read_embeddings(out / "embeddings" / f"{slug(id)}.bin") for id in ids)
+    embeddings = tuple(load(out / "embeddings" / f"{slug(id)}.bin", Embeddings) for id in ids)
     return Case(
         name=name,
         ids=ids,

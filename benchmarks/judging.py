@@ -219,7 +219,7 @@ def _directions(case: Case, shared: SharedMetric, points: FloatArray) -> FloatAr
     for shape, (own, directions) in enumerate(zip(points, found, strict=True)):
         for index, part in enumerate(case.samplers[shape].components):
             chosen = sphere == index
-            tree = surface_tree(part.vertices, part.faces)
+            tree = surface_tree(part.component.vertices, part.component.faces)
             directions[chosen] = pulled_back(tree, part.directions, own[chosen])
     return found
 
@@ -287,7 +287,7 @@ def _rim_distances(case: Case, shared: SharedMetric, points: FloatArray) -> Floa
         for part in case.samplers[shape].components:
             for name, curve in part.curves.items():
                 chosen = template.curve == template.curves.index(name)
-                found.append(polyline_distances(own[chosen], curve.points))
+                found.append(polyline_distances(own[chosen], part.component.vertices[curve.loop]))
     return np.concatenate(found)
 
 

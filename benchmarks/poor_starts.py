@@ -12,8 +12,8 @@ from benchmarks.cases import Case
 from ostiform.arrays import FloatArray
 from ostiform.correspondence import sampler
 from ostiform.domain import Circle, Sphere
-from ostiform.embedding import Embedding
-from ostiform.surface.sphere import count_flipped
+from ostiform.embedding import Embedding, placed_curves
+from ostiform.surface import count_flipped, sphere_locator
 
 RIGID = 0.3
 """Share of the way from a circle to the end of its turning over which nothing fades."""
@@ -48,7 +48,11 @@ def _turned(
     while True:
         directions = turned_directions(embedding.directions, circles, angles)
         if not count_flipped(directions, embedding.component.faces):
-            return replace(embedding, directions=directions)
+            return replace(
+                embedding,
+                locator=sphere_locator(directions, embedding.component.faces),
+                curves=placed_curves(embedding.component, sphere, directions),
+            )
         angles = REDUCTION * angles
 
 

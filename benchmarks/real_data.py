@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import load
 from ostiform.correspondence import KINDS
+from ostiform.embedding import Embeddings
 from ostiform.evaluation import (
     TruthDistance,
     compare,
@@ -21,7 +23,6 @@ from ostiform.evaluation import (
 )
 from ostiform.model import read_correspondence
 from ostiform.pipeline import Stage, Summary, build_study
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.prepared import read_shape
 from ostiform.study import ShapeId
 from ostiform.surface import closest_points, surface_tree
@@ -73,7 +74,7 @@ def show_maps(output: Path) -> None:
         "/ conformal | largest twist (deg) | CPU s |\n|---|---|---|---|---|---|---|---|"
     )
     for path in sorted((output / "embeddings").glob("*.bin")):
-        for e in read_embeddings(path):
+        for e in load(path, Embeddings):
             c, d = e.certificate, e.distortion
             print(
                 f"| {path.stem} | {len(e.component.vertices)} | {c.flipped + c.degenerate} "

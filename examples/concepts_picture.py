@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 
 import ostiform
+from ostiform.artifacts import load
 from ostiform.domain import domain_from_json
-from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.embedding import Embeddings
+from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.prepared import read_shape, shape_artifact
 from ostiform.pipeline.store import Store, slug
 from ostiform.report.modes import extents_of
@@ -88,7 +90,7 @@ def main(folder: Path, images: Path) -> None:
             extent,
         )
 
-        embedding = read_embeddings(store.path(f"embeddings/{slug(shape)}.npz"))[0]
+        embedding = load(store.path(embedding_artifact(slug(shape))), Embeddings)[0]
         component = embedding.component
         sphere = np.asarray(embedding.states[-1].directions)
         circles = [sphere[rim] for rim in component.rims.values()]

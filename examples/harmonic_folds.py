@@ -17,9 +17,15 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import load
 from ostiform.domain import Sphere, domain_from_json, stereographic_view
-from ostiform.embedding import Embedding, conformal_holes, folds_by_circle_ratio, harmonic_map
-from ostiform.pipeline.arrays_file import read_embeddings
+from ostiform.embedding import (
+    Embedding,
+    Embeddings,
+    conformal_holes,
+    folds_by_circle_ratio,
+    harmonic_map,
+)
 from ostiform.pipeline.prepare import read_poses
 from ostiform.pipeline.store import Store, slug
 from ostiform.report.maps import MapPanel, map_figure
@@ -36,10 +42,10 @@ def main() -> None:
     parser.add_argument("images", type=Path, help="folder for the figures")
     parser.add_argument("--shape", help="stem of a file in RESULTS/embeddings; default the first")
     given = parser.parse_args()
-    shapes = sorted((given.results / "embeddings").glob(f"{given.shape or '*'}.npz"))
+    shapes = sorted((given.results / "embeddings").glob(f"{given.shape or '*'}.bin"))
     if not shapes:
         parser.error(f"expected embeddings in {given.results}, found none: build the study first")
-    embedding = read_embeddings(shapes[0])[0]
+    embedding = load(shapes[0], Embeddings)[0]
     domain = domain_from_json(json.loads((given.results / "domain.json").read_text()))
     sphere = next(s for s in domain.spheres if s.name == embedding.component.name)
     given.images.mkdir(parents=True, exist_ok=True)
@@ -57,7 +63,8 @@ def draw_counts(embedding: Embedding, sphere: Sphere, pose: FloatArray, path: Pa
     """Plot the folded triangles of the harmonic map against circle radius / conformal radius."""
     component = embedding.component
     holes = conformal_holes(component, sphere.pole, pose)
-    harmonic = folds_by_circle_ratio(component, sphere, holes, RATIOS, embedding.rotations)
+    rotations = {name: curve.first_angle for name, curve in embedding.curves.items()}
+    harmonic = folds_by_circle_ratio(component, sphere, holes, RATIOS, rotations)
     ours = count_flipped(embedding.directions, component.faces)
     print(
         f"{len(component.faces)} triangles; Ostiform folds {ours}, with circles of up to "

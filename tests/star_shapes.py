@@ -7,8 +7,8 @@ import numpy as np
 from ostiform.domain import BaseDomain, Circle, Sphere
 from ostiform.domain.delaunay import graded_points, sizing_field
 from ostiform.domain.template import face_parts
-from ostiform.embedding import Certificate, Distortion, Embedding
-from ostiform.surface import Component, Seam
+from ostiform.embedding import Certificate, Distortion, Embedding, placed_curves
+from ostiform.surface import Component, Seam, sphere_locator
 
 
 def unit(azimuth, elevation):
@@ -64,12 +64,11 @@ def star_embedding(sphere: Sphere, radius: Callable, n_vertices=3000, seed=1) ->
     field, counts = sizing_field(circles, is_rim, [None] * len(circles), n_vertices, None, 24)
     mesh = graded_points(circles, is_rim, counts, n_vertices, field, 3, seed)
     u = mesh.points
-    loops, rotations = {}, {}
+    loops = {}
     for index, (name, circle) in enumerate(sphere.curves.items()):
         on = np.flatnonzero(mesh.curve == index)
         order = np.argsort(circle.angles(u[on]))
         loops[name] = on[order] if name not in sphere.rims else on[order][::-1]
-        rotations[name] = float(circle.angles(u[loops[name][:1]])[0])
     component = Component(
         name=sphere.name,
         parts=sphere.parts,
@@ -81,8 +80,8 @@ def star_embedding(sphere: Sphere, radius: Callable, n_vertices=3000, seed=1) ->
     )
     return Embedding(
         component=component,
-        directions=u,
-        rotations=rotations,
+        locator=sphere_locator(u, component.faces),
+        curves=placed_curves(component, sphere, u),
         certificate=Certificate(0, 0, 0.0, 0.0, tuple(sphere.rims), {}, ()),
         distortion=Distortion(1.0, 1.0, 1.0, 1.0, 1.0, {}, {}),
         states=(),

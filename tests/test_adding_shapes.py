@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ostiform.api.results import read_results
+from ostiform.artifacts import load
 from ostiform.correspondence import (
     Correspondence,
     build_shared_metric,
@@ -17,11 +18,11 @@ from ostiform.correspondence import (
 from ostiform.demo import write_demonstration
 from ostiform.demo.truth import material_coordinates, read_truth, true_positions
 from ostiform.domain import domain_from_json
+from ostiform.embedding import Embeddings
 from ostiform.errors import ArtifactError, InputError
 from ostiform.evaluation import distance_to_truth
 from ostiform.model import project, read_correspondence, read_model
 from ostiform.pipeline.add import add_shapes
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.build import Stage, build_study
 from ostiform.pipeline.correspond import correspondence_settings
 from ostiform.pipeline.prepare import read_poses
@@ -67,7 +68,7 @@ def test_the_others_stay_bit_for_bit(finished, added):
 
 def embedded(folder, ids, domain):
     names = [f"embeddings/{slug(id)}.bin" for id in ids]
-    return [sampler(read_embeddings(folder / name), domain) for name in names]
+    return [sampler(load(folder / name, Embeddings), domain) for name in names]
 
 
 def test_the_new_shapes_lie_where_they_would_if_they_had_been_left_out(finished, added):

@@ -10,10 +10,11 @@ import h5py
 import numpy as np
 import pytest
 
+from ostiform.artifacts import load
 from ostiform.demo.demonstration import write_demonstration
+from ostiform.embedding import Embeddings
 from ostiform.evaluation import read_evaluation
 from ostiform.model import read_correspondence, read_model
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.surface import exact_orientations
 
 pytestmark = pytest.mark.xdist_group("end_to_end")
@@ -83,7 +84,7 @@ def test_the_correspondence_file_has_the_promised_layout(results):
 
 def test_every_map_and_every_warp_is_free_of_folds(results):
     for path in sorted((results / "embeddings").glob("*.bin")):
-        for embedding in read_embeddings(path):
+        for embedding in load(path, Embeddings):
             assert embedding.certificate.problems == ()
             signs = exact_orientations(embedding.directions, embedding.component.faces)
             assert (signs > 0).all()
@@ -96,7 +97,7 @@ def test_rim_points_lie_on_their_rims(results):
     correspondence = read_correspondence(results / "correspondence.h5")
     names = sorted((results / "embeddings").glob("*.bin"))
     for points, path in zip(correspondence.points, names, strict=True):
-        (embedding,) = read_embeddings(path)
+        (embedding,) = load(path, Embeddings)
         component = embedding.component
         for name, rim in component.rims.items():
             loop = component.vertices[rim]
@@ -147,8 +148,8 @@ def test_a_damaged_artifact_is_made_again(study, results, tmp_path):
     run = ostiform("embed", study, "-o", output, "-w", 1)
     assert run.returncode == 0, run.stderr
     (mended,), (good,) = (
-        read_embeddings(damaged),
-        read_embeddings(results / "embeddings" / damaged.name),
+        load(damaged, Embeddings),
+        load(results / "embeddings" / damaged.name, Embeddings),
     )
     np.testing.assert_array_equal(mended.directions, good.directions)
 

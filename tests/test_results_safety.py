@@ -18,12 +18,10 @@ import pytest
 
 import ostiform
 from ostiform.artifacts import load, save
+from ostiform.correspondence import Checkpoint
+from ostiform.embedding import Embeddings
 from ostiform.errors import ArtifactError, InputError, OstiformError
 from ostiform.execution import Workers
-from ostiform.pipeline.arrays_file import (
-    read_checkpoint,
-    read_embeddings,
-)
 from ostiform.pipeline.events import Warn
 from ostiform.pipeline.folder import locked
 from ostiform.pipeline.run import Run, over_shapes
@@ -146,9 +144,9 @@ def test_an_npz_with_a_pickle_runs_nothing(tmp_path):
     np.load(path, allow_pickle=True)["0.vertices"]
     assert (tmp_path / "ran").is_file()  # the trap works
     (tmp_path / "ran").unlink()
-    for read in (read_embeddings, read_checkpoint):
+    for kind in (Embeddings, Checkpoint):
         with pytest.raises(ArtifactError, match="expected the .* that an earlier stage wrote"):
-            read(path)
+            load(path, kind)
     assert not (tmp_path / "ran").exists()
 
 

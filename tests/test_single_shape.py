@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from ostiform.artifacts import load
+from ostiform.embedding import Embeddings
 from ostiform.errors import InputError
 from ostiform.pipeline import Stage, build_study
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.surface import write_surface
 from tests.oracles.holed_spheres import holed_sphere
 
@@ -34,7 +35,7 @@ def study(tmp_path):
 def test_one_shape_can_be_embedded(study, tmp_path):
     summary = build_study(study, tmp_path / "out", until=Stage.EMBED)
     assert (summary.shapes, summary.failures) == (1, ())
-    (embedding,) = read_embeddings(tmp_path / "out" / "embeddings" / "one_0.bin")
+    (embedding,) = load(tmp_path / "out" / "embeddings" / "one_0.bin", Embeddings)
     assert embedding.certificate.is_valid
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
+from ostiform.arrays import read_only
 from ostiform.values import dtype_of, is_union, type_hints, unwrapped
 
 ARRAY_KINDS = "fiub"  # floats, integers, bool
@@ -111,7 +112,7 @@ _PLAIN: dict[Any, Codec] = {
 
 def _array_codec(dtype: Any, stored: Any) -> Codec:
     def write(value: Any, put: Put) -> Any:
-        return put(value if stored is None else value.astype(stored))
+        return put(value if stored is None else read_only(value.astype(stored)))
 
     def read(facts: Any, get: Get) -> Any:
         array = get(facts)
@@ -131,10 +132,10 @@ def _choice_codec(choices: Mapping[Any, Any], name: Callable[[Any], Any]) -> Cod
 
 
 def _tuple_codec(hints: tuple[Any, ...]) -> Codec:
+    own = [codec(hint) for hint in hints if hint is not ...]
+
     def codecs(count: int) -> list[Codec]:
-        if hints[1:] == (...,):
-            return [codec(hints[0])] * count
-        return [codec(hint) for hint in hints]
+        return own * count if hints[1:] == (...,) else own
 
     def write(value: Any, put: Put) -> Any:
         return [
@@ -153,15 +154,14 @@ def _tuple_codec(hints: tuple[Any, ...]) -> Codec:
 
 def _mapping_codec(key: Any, item: Any) -> Codec:
     """Return the codec of a mapping: an object where the keys are text, else a list of pairs."""
+    keys, items = codec(key), codec(item)
 
     def write(value: Any, put: Put) -> Any:
-        keys, items = codec(key), codec(item)
         if key is str:
             return {name: items.write(one, put) for name, one in value.items()}
         return [[keys.write(name, put), items.write(one, put)] for name, one in value.items()]
 
     def read(facts: Any, get: Get) -> Any:
-        keys, items = codec(key), codec(item)
         if key is str:
             return {name: items.read(one, get) for name, one in facts.items()}
         return {keys.read(name, get): items.read(one, get) for name, one in facts}
@@ -172,22 +172,23 @@ def _mapping_codec(key: Any, item: Any) -> Codec:
 def _union_codec(options: tuple[Any, ...]) -> Codec:
     """Return the codec of one of several types: null for None, its number where more are left."""
     rest = [option for option in options if option is not type(None)]
+    codecs = [codec(option) for option in rest]
 
     def write(value: Any, put: Put) -> Any:
         if value is None:
             return None
         if len(rest) == 1:
-            return codec(rest[0]).write(value, put)
+            return codecs[0].write(value, put)
         place = next(n for n, option in enumerate(rest) if _holds(option, value))
-        return [place, codec(rest[place]).write(value, put)]
+        return [place, codecs[place].write(value, put)]
 
     def read(facts: Any, get: Get) -> Any:
         if facts is None and len(rest) < len(options):
             return None
         if len(rest) == 1:
-            return codec(rest[0]).read(facts, get)
+            return codecs[0].read(facts, get)
         place, own = facts
-        return codec(rest[place]).read(own, get)
+        return codecs[place].read(own, get)
 
     return Codec(write, read)
 
@@ -201,18 +202,16 @@ def _holds(option: Any, value: Any) -> bool:
 
 
 def _fields_codec(cls: Any) -> Codec:
+    own = {name: codec(hint) for name, hint in type_hints(cls).items()}
+
     def write(value: Any, put: Put) -> Any:
-        return {
-            name: codec(hint).write(getattr(value, name), put)
-            for name, hint in type_hints(cls).items()
-        }
+        return {name: one.write(getattr(value, name), put) for name, one in own.items()}
 
     def read(facts: Any, get: Get) -> Any:
-        hints = type_hints(cls)
-        if facts.keys() != hints.keys():
+        if facts.keys() != own.keys():
             raise ValueError(
-                f"{kind_name(cls)} with other fields ({', '.join(hints.keys() ^ facts.keys())})"
+                f"{kind_name(cls)} with other fields ({', '.join(own.keys() ^ facts.keys())})"
             )
-        return cls(**{name: codec(hint).read(facts[name], get) for name, hint in hints.items()})
+        return cls(**{name: one.read(facts[name], get) for name, one in own.items()})
 
     return Codec(write, read)

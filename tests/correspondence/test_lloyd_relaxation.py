@@ -36,7 +36,7 @@ def cover(family, template, directions):
     surface = point = 0.0
     for shape, own in zip(family.samplers, directions, strict=True):
         points = sample(shape, template, own)
-        vertices = shape.components[0].vertices
+        vertices = shape.components[0].component.vertices
         found = closest_points(surface_tree(points, template.faces), vertices)
         surface = max(surface, found.distances.max())
         gaps = np.linalg.norm(vertices[:, None] - points, axis=2)

@@ -5,6 +5,7 @@ import pytest
 
 from ostiform.correspondence import pull_back, sample, sample_with_derivative, sampler
 from ostiform.domain import Circle, graded_template
+from ostiform.embedding import placed_curves
 from ostiform.errors import InputError
 from ostiform.surface import distances_to_surface, normalised
 from tests.star_shapes import (
@@ -178,7 +179,7 @@ def test_a_shape_without_one_of_the_openings_is_refused():
     rims = {n: loop for n, loop in HEART.component.rims.items() if n != "LA.RSPV"}
     component = replace(HEART.component, rims=rims)
     with pytest.raises(InputError, match=r"LA\.RSPV"):
-        sampler([replace(HEART, component=component)], DOMAIN)
+        placed_curves(component, DOMAIN.spheres[0], HEART.directions)
 
 
 def test_a_template_with_another_curve_is_refused():

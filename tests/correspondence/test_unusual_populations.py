@@ -96,7 +96,7 @@ def test_large_coordinates_do_not_change_the_result(rng):
     template = triangulated(domain, 200)
     shift = np.array([1000.0, -2000.0, 500.0])
     moved = tuple(
-        ShapeSampler(tuple(_shifted(component, shift) for component in sampler.components))
+        ShapeSampler(tuple(_shifted(part, shift) for part in sampler.components))
         for sampler in family.samplers
     )
     here = trained_on(family, template)["optimal"].correspondence
@@ -104,12 +104,10 @@ def test_large_coordinates_do_not_change_the_result(rng):
     np.testing.assert_allclose(there.points - shift, here.points, atol=1e-6)
 
 
-def _shifted(component, shift):
-    curves = {
-        name: replace(curve, points=curve.points + shift)
-        for name, curve in component.curves.items()
-    }
-    return replace(component, vertices=component.vertices + shift, curves=curves)
+def _shifted(part, shift):
+    return replace(
+        part, component=replace(part.component, vertices=part.component.vertices + shift)
+    )
 
 
 def test_circles_that_the_domain_lacks_are_refused():

@@ -147,8 +147,8 @@ def test_the_map_ignores_where_loops_start(small_atrium):
     # the minimum is the same; the Newton iteration stops within 1e-4 of its energy
     difference = np.linalg.norm(again.directions - first.directions, axis=1)
     assert np.sqrt(np.mean(difference**2)) < 0.02
-    for name in first.rotations:
-        assert again.rotations[name] != pytest.approx(first.rotations[name], abs=1e-3)
+    for name, curve in first.curves.items():
+        assert again.curves[name].first_angle != pytest.approx(curve.first_angle, abs=1e-3)
 
 
 def test_the_map_is_the_same_every_time(small_atrium):
@@ -294,13 +294,15 @@ def test_the_plain_harmonic_map_of_long_veins_is_reported_as_folded(small_atrium
     assert max(embedding.distortion.circle_ratio.values()) > 2.0
 
 
-def test_rotations_are_the_angles_of_the_first_vertices(heart, heart_map):
+def test_curves_start_at_the_angles_of_their_first_vertices(heart, heart_map):
     sphere = laid_out(heart, "LV.mitral")
-    for name, angle in heart_map.rotations.items():
+    for name, curve in heart_map.curves.items():
         on_circle = sphere.curves[name]
         loop = heart.rims.get(name, next(iter(heart.seams.values())))
         np.testing.assert_allclose(
-            on_circle.points(np.array([angle]))[0], heart_map.directions[loop[0]], atol=1e-9
+            on_circle.points(np.array([curve.first_angle]))[0],
+            heart_map.directions[loop[0]],
+            atol=1e-9,
         )
 
 
@@ -328,7 +330,7 @@ def test_a_start_that_stays_folded_is_refused(small_atrium):
     "changes", [{"method": "magic"}, {"tolerance": 0.0}, {"max_iterations": 0}]
 )
 def test_settings_out_of_range_are_refused(changes):
-    with pytest.raises(InputError, match="embedding"):
+    with pytest.raises(InputError, match=f"{next(iter(changes)).replace('_', ' ')}: expected"):
         EmbeddingSettings(**changes)
 
 

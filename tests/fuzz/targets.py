@@ -5,6 +5,7 @@ import shutil
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,12 @@ import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from ostiform.artifacts import load, save
-from ostiform.correspondence import CorrespondenceSettings, correspond
+from ostiform.correspondence import Checkpoint, CorrespondenceSettings, correspond
 from ostiform.correspondence.build import shared_metric_of_template
 from ostiform.demo.demonstration import demonstration_truth
 from ostiform.demo.truth import read_truth, write_truth
 from ostiform.domain import domain_from_json, domain_to_json
+from ostiform.embedding import Embeddings
 from ostiform.errors import ArtifactError
 from ostiform.evaluation import read_evaluation
 from ostiform.model import (
@@ -34,12 +36,6 @@ from ostiform.model import (
     read_statismo,
     write_correspondence,
     write_model,
-)
-from ostiform.pipeline.arrays_file import (
-    read_checkpoint,
-    read_embeddings,
-    write_checkpoint,
-    write_embeddings,
 )
 from ostiform.pipeline.store import Store
 from ostiform.study import Shape, ShapeId, read_study
@@ -282,10 +278,10 @@ def _artifacts(folder: Path) -> list[Target]:
     with h5py.File(published, "r+") as file:
         del file["ostiform"]
     state = folder / "state.bin"
-    write_checkpoint(state, states[-1])
+    save(state, states[-1])
     embeddings = folder / "embeddings.bin"
     mesh = triangulated(domain, 100)
-    write_embeddings(embeddings, [embedded(domain, mesh, 10.0 * mesh.points, mesh.points)])
+    save(embeddings, (embedded(domain, mesh, 10.0 * mesh.points, mesh.points),), Embeddings)
     shape = folder / "shape.bin"
     loops = {name.partition(".")[2]: loop for name, loop in mesh.loops.items()}
     surface = Surface(10.0 * mesh.points, mesh.faces, loops)
@@ -294,8 +290,8 @@ def _artifacts(folder: Path) -> list[Target]:
         _target("correspondence.h5", [correspondence], read_correspondence),
         _target("model.h5", [with_template, without, published], read_model),
         _target("statismo.h5", [published, with_template], read_statismo),
-        _target("checkpoint bin", [state], read_checkpoint),
-        _target("embeddings bin", [embeddings], read_embeddings),
+        _target("checkpoint bin", [state], partial(load, kind=Checkpoint)),
+        _target("embeddings bin", [embeddings], partial(load, kind=Embeddings)),
         _target("shape bin", [shape], lambda path: load(path, Shape)),
         *_json_artifacts(folder, domain),
     ]

@@ -22,9 +22,9 @@ from ostiform.correspondence.fields import (
 )
 from ostiform.correspondence.sampling import ShapeSampler, sampler
 from ostiform.domain import BaseDomain, Circle, Sphere, Template, TemplateLevel
-from ostiform.embedding import Certificate, Distortion, Embedding
+from ostiform.embedding import Certificate, Distortion, Embedding, placed_curves
 from ostiform.study import ShapeId
-from ostiform.surface import Component, Seam
+from ostiform.surface import Component, Seam, sphere_locator
 from ostiform.surface.sphere import spherical_fibonacci
 
 SEAM = Seam("A.neck", "B.neck")
@@ -132,7 +132,9 @@ def embedded(
     )
     certificate = Certificate(0, 0, 0.0, 0.0, (), {}, ())
     distortion = Distortion(1.0, 1.0, 1.0, 1.0, 1.0, {}, {})
-    return Embedding(component, directions, {}, certificate, distortion, (), "barrier", 0.0)
+    locator = sphere_locator(directions, component.faces)
+    curves = placed_curves(component, sphere, directions)
+    return Embedding(component, locator, curves, certificate, distortion, (), "barrier", 0.0)
 
 
 @dataclass(frozen=True)

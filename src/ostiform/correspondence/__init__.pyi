@@ -16,8 +16,6 @@ from .mean_template import population_template as population_template
 from .mean_template import template_coverage as template_coverage
 from .placing import Placed as Placed
 from .placing import place as place
-from .sampling import ComponentSampler as ComponentSampler
-from .sampling import CurveSampler as CurveSampler
 from .sampling import ShapeSampler as ShapeSampler
 from .sampling import SurfaceMarks as SurfaceMarks
 from .sampling import pull_back as pull_back

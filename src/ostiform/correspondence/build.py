@@ -264,7 +264,8 @@ def _surveyed(
     shape: ShapeSampler, _item: None, template: Template
 ) -> tuple[FloatArray, list[float]]:
     """Return the conformal sampling (P, 3) of a shape and the median edges of its components."""
-    edges = [median_edge_length(part.vertices, part.faces) for part in shape.components]
+    meshes = [part.component for part in shape.components]
+    edges = [median_edge_length(mesh.vertices, mesh.faces) for mesh in meshes]
     return sample(shape, template, template.points), edges
 
 

@@ -225,19 +225,19 @@ def _nearest(points: FloatArray, places: FloatArray) -> tuple[FloatArray, IntArr
 
 def _vertices(shape: ShapeSampler) -> tuple[FloatArray, FloatArray]:
     """Return the vertices (V, 3) of all components and their areas."""
-    parts = shape.components
+    meshes = [part.component for part in shape.components]
     return (
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([vertex_areas(part.vertices, part.faces) for part in parts]),
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([vertex_areas(mesh.vertices, mesh.faces) for mesh in meshes]),
     )
 
 
 def _middles(shape: ShapeSampler) -> tuple[FloatArray, FloatArray]:
     """Return the middles (F, 3) of the triangles of all components and their areas."""
-    parts = shape.components
+    meshes = [part.component for part in shape.components]
     return (
-        np.concatenate([part.vertices[part.faces].mean(axis=1) for part in parts]),
-        np.concatenate([face_areas(part.vertices, part.faces) for part in parts]),
+        np.concatenate([mesh.vertices[mesh.faces].mean(axis=1) for mesh in meshes]),
+        np.concatenate([face_areas(mesh.vertices, mesh.faces) for mesh in meshes]),
     )
 
 

@@ -136,7 +136,7 @@ def _posed(shape: ShapeSampler, pose: FloatArray, template: Template) -> FloatAr
 def template_coverage(shape: ShapeSampler, template: Template) -> TemplateCoverage:
     """Return how far any vertex of a shape is from the shape sampled at the template's points."""
     sampled = sample(shape, template, template.points)
-    vertices = np.concatenate([component.vertices for component in shape.components])
+    vertices = np.concatenate([part.component.vertices for part in shape.components])
     return TemplateCoverage(
         largest_mm=float(distances_to_surface(vertices, sampled, template.faces).max()),
         diameter_mm=float(np.linalg.norm(np.ptp(vertices, axis=0))),

@@ -7,80 +7,28 @@ parts. The derivative of the position with respect to the direction is analytic;
 point crosses an edge of the shape's mesh, as any piecewise linear map's does.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray, frozen_floats
+from ostiform.arrays import FloatArray
 from ostiform.correspondence.sampling_kernels import interpolated, interpolated_on_curve
-from ostiform.domain import BaseDomain, Circle, Sphere, Template, tangent_frame
-from ostiform.embedding import Embedding
+from ostiform.domain import BaseDomain, Template
+from ostiform.embedding import Embedding, PlacedCurve
 from ostiform.errors import InputError
 from ostiform.surface import (
-    Component,
-    SphereLocator,
     SurfaceTree,
     closest_points,
     containing_triangles,
-    curve_positions,
     normalised,
-    sphere_locator,
     surface_tree,
 )
+from ostiform.values import Axes, value
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CurveSampler:
-    """A rim or a seam of a shape, and where its vertices lie on their circle.
-
-    Attributes
-    ----------
-    circle : Circle
-    first_angle : float
-        Of the first vertex about the circle's centre, radians.
-    sign : float
-        1 where the angle increases along the curve, -1 where it decreases.
-    positions : (n + 1,) float64
-        Angle travelled from the first vertex to each, and back to the first, radians.
-    points : (n + 1, 3) float64, mm
-        Of the vertices in order; the first again at the end.
-    frame : (3, 3) float64
-        Rows e1, e2 of the circle's tangent frame, and its centre.
-    """
-
-    circle: Circle
-    first_angle: float
-    sign: float
-    positions: FloatArray
-    points: FloatArray
-    frame: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ComponentSampler:
-    """One component of a shape on its sphere, prepared for sampling.
-
-    Attributes
-    ----------
-    name : str
-    locator : SphereLocator
-    directions : (V, 3) float64
-    vertices : (V, 3) float64, mm
-    faces : (F, 3) int64
-    curves : mapping of str to CurveSampler
-        By the names of `Sphere.curves`.
-    """
-
-    name: str
-    locator: SphereLocator
-    directions: FloatArray
-    vertices: FloatArray
-    faces: IntArray
-    curves: Mapping[str, CurveSampler]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SurfaceMarks:
     """Landmarks that a user placed on one shape.
 
@@ -93,15 +41,12 @@ class SurfaceMarks:
         Standard deviation of each coordinate, positive.
     """
 
-    names: tuple[str, ...]
-    positions: FloatArray
-    sd_mm: FloatArray
+    names: Annotated[tuple[str, ...], Axes("L")]
+    positions: Annotated[FloatArray, Axes("L", 3)]
+    sd_mm: Annotated[FloatArray, Axes("L")]
 
     def __post_init__(self) -> None:
-        """Check the arrays and make them read-only."""
-        count = len(self.names)
-        object.__setattr__(self, "positions", frozen_floats(self.positions, (count, 3), "marks"))
-        object.__setattr__(self, "sd_mm", frozen_floats(self.sd_mm, (count,), "sd of marks"))
+        """Check the standard deviations."""
         if (self.sd_mm <= 0.0).any():
             raise InputError(
                 f"landmark {self.names[int(self.sd_mm.argmin())]}: expected a standard deviation "
@@ -111,21 +56,21 @@ class SurfaceMarks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeSampler:
-    """A shape prepared for sampling, one component per sphere of the base domain, in its order.
+    """A shape to be sampled, one component per sphere of the base domain, in its order.
 
     Attributes
     ----------
-    components : tuple of ComponentSampler
+    components : tuple of Embedding
     marks : SurfaceMarks or None
         The user's landmarks on it.
     """
 
-    components: tuple[ComponentSampler, ...]
+    components: tuple[Embedding, ...]
     marks: SurfaceMarks | None = None
 
 
 def sampler(embeddings: Sequence[Embedding], domain: BaseDomain) -> ShapeSampler:
-    """Prepare a shape for sampling from the embeddings of its components.
+    """Return a shape to be sampled: its embeddings in the order of the domain.
 
     Parameters
     ----------
@@ -140,7 +85,7 @@ def sampler(embeddings: Sequence[Embedding], domain: BaseDomain) -> ShapeSampler
     Raises
     ------
     InputError
-        If a sphere has no embedding, or a component lacks one of its sphere's rims or seams.
+        If a sphere has no embedding.
     """
     by_name = {embedding.component.name: embedding for embedding in embeddings}
     for sphere in domain.spheres:
@@ -149,9 +94,7 @@ def sampler(embeddings: Sequence[Embedding], domain: BaseDomain) -> ShapeSampler
                 f"component {sphere.name}: expected its embedding, found embeddings of "
                 f"{', '.join(by_name) or 'nothing'}"
             )
-    return ShapeSampler(
-        tuple(_component_sampler(by_name[sphere.name], sphere) for sphere in domain.spheres)
-    )
+    return ShapeSampler(tuple(by_name[sphere.name] for sphere in domain.spheres))
 
 
 def sample(shape: ShapeSampler, template: Template, directions: FloatArray) -> FloatArray:
@@ -214,7 +157,8 @@ def pull_back(shape: ShapeSampler, component: int, positions: FloatArray) -> Flo
     directions : (n, 3) float64
     """
     part = shape.components[component]
-    return pulled_back(surface_tree(part.vertices, part.faces), part.directions, positions)
+    tree = surface_tree(part.component.vertices, part.component.faces)
+    return pulled_back(tree, part.directions, positions)
 
 
 def pulled_back(tree: SurfaceTree, directions: FloatArray, positions: FloatArray) -> FloatArray:
@@ -227,45 +171,6 @@ def pulled_back(tree: SurfaceTree, directions: FloatArray, positions: FloatArray
     return normalised(np.einsum("nk,nkd->nd", closest.barycentric, corners))
 
 
-def _component_sampler(embedding: Embedding, sphere: Sphere) -> ComponentSampler:
-    component, directions = embedding.component, embedding.directions
-    locator = sphere_locator(directions, component.faces)
-    curves = {}
-    for name, circle in sphere.curves.items():
-        loop = _curve_loop(component, name)
-        angles = circle.angles(directions[loop])
-        positions, sign = curve_positions(angles)
-        curves[name] = CurveSampler(
-            circle=circle,
-            first_angle=float(angles[0]),
-            sign=sign,
-            positions=positions,
-            points=component.vertices[np.append(loop, loop[0])],
-            frame=np.stack([*tangent_frame(circle.center), circle.center]),
-        )
-    return ComponentSampler(
-        name=sphere.name,
-        locator=locator,
-        directions=directions,
-        vertices=component.vertices,
-        faces=component.faces,
-        curves=curves,
-    )
-
-
-def _curve_loop(component: Component, name: str) -> IntArray:
-    by_name = {
-        **component.rims,
-        **{seam.first: loop for seam, loop in component.seams.items()},
-    }
-    if name not in by_name:
-        raise InputError(
-            f"component {component.name}: expected the opening or seam {name} of its sphere, "
-            f"found {', '.join(by_name) or 'no opening'}"
-        )
-    return by_name[name]
-
-
 def _sampled(
     shape: ShapeSampler, template: Template, directions: FloatArray, derivative: bool
 ) -> tuple[FloatArray, FloatArray]:
@@ -276,15 +181,15 @@ def _sampled(
         )
     points = np.zeros((len(directions), 3))
     jacobian = np.zeros((len(directions) if derivative else 0, 3, 3))
-    for index, component in enumerate(shape.components):
+    for index, part in enumerate(shape.components):
         inside = np.flatnonzero((template.sphere == index) & (template.curve < 0))
         queries = directions[inside]
-        locator = component.locator
+        locator = part.locator
         points[inside], slopes = interpolated(
             locator.points,
             locator.faces,
             locator.n_faces,
-            component.vertices,
+            part.component.vertices,
             queries,
             containing_triangles(locator, queries),
             derivative,
@@ -293,13 +198,14 @@ def _sampled(
             jacobian[inside] = slopes
     for index in np.unique(template.curve[template.curve >= 0]):
         on_curve = np.flatnonzero(template.curve == index)
-        curve = _curve_sampler(shape, template, int(template.sphere[on_curve[0]]), int(index))
+        part = shape.components[template.sphere[on_curve[0]]]
+        curve = _curve(part, template.curves[index])
         points[on_curve], slopes = interpolated_on_curve(
             curve.frame,
             curve.first_angle,
             curve.sign,
             curve.positions,
-            curve.points,
+            part.component.vertices[curve.loop],
             directions[on_curve],
             derivative,
         )
@@ -308,14 +214,10 @@ def _sampled(
     return points, jacobian
 
 
-def _curve_sampler(
-    shape: ShapeSampler, template: Template, sphere: int, index: int
-) -> CurveSampler:
-    name = template.curves[index]
-    curves = shape.components[sphere].curves
-    if name not in curves:
+def _curve(part: Embedding, name: str) -> PlacedCurve:
+    if name not in part.curves:
         raise InputError(
-            f"component {shape.components[sphere].name}: expected the template's curve {name}, "
-            f"found {', '.join(curves) or 'no opening'}"
+            f"component {part.component.name}: expected the template's curve {name}, found "
+            f"{', '.join(part.curves) or 'no opening'}"
         )
-    return curves[name]
+    return part.curves[name]

@@ -23,6 +23,7 @@ from .paper import PaperEmbedding as PaperEmbedding
 from .paper import PaperSettings as PaperSettings
 from .paper import harmonic_embedding as harmonic_embedding
 from .paper import paper_states as paper_states
+from .placed_curves import placed_curves as placed_curves
 from .seam_jumps import loop_near_circle as loop_near_circle
 from .seam_jumps import one_sided_derivatives as one_sided_derivatives
 from .seam_jumps import seam_jump as seam_jump
@@ -34,5 +35,7 @@ from .twist import measured_twists as measured_twists
 from .types import Certificate as Certificate
 from .types import Distortion as Distortion
 from .types import Embedding as Embedding
+from .types import Embeddings as Embeddings
 from .types import EmbeddingState as EmbeddingState
+from .types import PlacedCurve as PlacedCurve
 from .types import SeamJump as SeamJump

@@ -14,6 +14,7 @@ from ostiform.embedding.continuation import Continued, continued
 from ostiform.embedding.distortion import measure_distortion
 from ostiform.embedding.newton import MovingRim, map_problem
 from ostiform.embedding.paper import harmonic_embedding
+from ostiform.embedding.placed_curves import placed_curves
 from ostiform.embedding.pose_fit import best_rotation, posed_moments
 from ostiform.embedding.reference import surface_reference
 from ostiform.embedding.seam_warp import seams_on_circles
@@ -22,7 +23,7 @@ from ostiform.embedding.start import on_curves, starting_map, state
 from ostiform.embedding.types import Embedding, EmbeddingState
 from ostiform.embedding.untangle import untangled
 from ostiform.errors import EmbeddingError
-from ostiform.surface import Component, Seam, count_flipped, spherical_areas
+from ostiform.surface import Component, Seam, count_flipped, sphere_locator, spherical_areas
 
 
 def embed(
@@ -69,8 +70,8 @@ def embed(
     distortion = measure_distortion(component, sphere, directions, holes)
     return Embedding(
         component=component,
-        directions=directions,
-        rotations=_rotations(component, sphere, directions),
+        locator=sphere_locator(directions, component.faces),
+        curves=placed_curves(component, sphere, directions) if certificate.is_valid else {},
         certificate=certificate,
         distortion=distortion,
         states=tuple(states),
@@ -96,7 +97,8 @@ def _open(
         )
     states = list(start.states)
     if settings.method == "harmonic":
-        rotations = _rotations(component, sphere, start.directions)
+        curves = placed_curves(component, sphere, start.directions)
+        rotations = {name: curve.first_angle for name, curve in curves.items()}
         paper = harmonic_embedding(component, sphere, rotations=rotations, start=start.directions)
         return paper.directions, [*states, *paper.states]
     clock = time.process_time()
@@ -175,11 +177,3 @@ def _closed(
     directions = result.directions @ best_rotation(moments).T
     states.append(state("conformal", component, directions, time.process_time() - clock))
     return directions, states
-
-
-def _rotations(component: Component, sphere: Sphere, directions: FloatArray) -> dict[str, float]:
-    curves = [(name, sphere.rims[name], rim[0]) for name, rim in component.rims.items()]
-    curves += [(s.first, sphere.seams[s], curve[0]) for s, curve in component.seams.items()]
-    return {
-        name: float(circle.angles(directions[first][None])[0]) for name, circle, first in curves
-    }

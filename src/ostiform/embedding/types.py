@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ostiform.arrays import FloatArray
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.codecs import StoredAs
-from ostiform.surface import Component, Seam
+from ostiform.surface import Component, Seam, SphereLocator
 from ostiform.values import Axes, value
 
 
@@ -107,7 +108,7 @@ class EmbeddingState:
     ----------
     name : str
         ``"tutte"``, ``"opened"``, ``"untangled"``, ``"smoothed"``, ``"harmonic"``, ...
-    directions : (V, 3) float64
+    directions : (V, 3) float64, float32 where read from a file
         Unit vectors.
     flipped : int
         Triangles not positively oriented.
@@ -115,9 +116,34 @@ class EmbeddingState:
     """
 
     name: str
-    directions: Annotated[FloatArray, Axes("V", 3), StoredAs(np.float32)]
+    directions: Annotated[NDArray[Any], Axes("V", 3), StoredAs(np.float32)]
     flipped: int
     seconds: float
+
+
+@value
+class PlacedCurve:
+    """A rim or a seam of a shape, and where its vertices lie on their circle.
+
+    Attributes
+    ----------
+    first_angle : float
+        Of the first vertex about the circle's centre, radians.
+    sign : float
+        1 where the angle increases along the curve, -1 where it decreases.
+    positions : (n + 1,) float64
+        Angle travelled from the first vertex to each, and back to the first, radians.
+    loop : (n + 1,) int64
+        The vertices in order; the first again at the end.
+    frame : (3, 3) float64
+        Rows e1, e2 of the circle's tangent frame, and its centre.
+    """
+
+    first_angle: float
+    sign: float
+    positions: Annotated[FloatArray, Axes("n")]
+    loop: Annotated[IntArray, Axes("n")]
+    frame: Annotated[FloatArray, Axes(3, 3)]
 
 
 @value
@@ -128,10 +154,10 @@ class Embedding:
     ----------
     component : Component
         The mesh that was mapped (after hygiene), in input coordinates.
-    directions : (V, 3) float64
-        Unit vectors; rim vertices lie on their circles, seam vertices on theirs.
-    rotations : mapping of str to float
-        Angle on its circle, in radians, of the first vertex of each rim and seam.
+    locator : SphereLocator
+        Of the mesh on the sphere.
+    curves : mapping of str to PlacedCurve
+        By the names of `Sphere.curves`; empty where the map is not certified.
     certificate : Certificate
     distortion : Distortion
     states : tuple of EmbeddingState
@@ -141,11 +167,20 @@ class Embedding:
     seconds : float
     """
 
-    component: Annotated[Component, Axes("V")]
-    directions: Annotated[FloatArray, Axes("V", 3)]
-    rotations: Mapping[str, float]
+    component: Component
+    locator: SphereLocator
+    curves: Mapping[str, PlacedCurve]
     certificate: Certificate
     distortion: Distortion
     states: tuple[EmbeddingState, ...]
     method: str
     seconds: float
+
+    @property
+    def directions(self) -> FloatArray:
+        """Unit vectors (V, 3); rim vertices lie on their circles, seam vertices on theirs."""
+        return self.locator.points[: len(self.component.vertices)]
+
+
+Embeddings: TypeAlias = tuple[Embedding, ...]
+"""Of one shape, one per component; its files hold them."""

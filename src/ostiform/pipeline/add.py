@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ostiform.artifacts import save
 from ostiform.correspondence import (
     Correspondence,
     Placed,
@@ -22,6 +23,7 @@ from ostiform.correspondence import (
     sampler,
     side_by_side,
 )
+from ostiform.embedding import Embeddings
 from ostiform.errors import InputError
 from ostiform.evaluation import OriginalMesh, shape_coverage
 from ostiform.execution import Workers
@@ -34,7 +36,6 @@ from ostiform.model import (
     write_correspondence,
     write_warps,
 )
-from ostiform.pipeline.arrays_file import write_embeddings
 from ostiform.pipeline.carried_fields import (
     carried_fields,
     fields_of_all,
@@ -175,7 +176,7 @@ def add_shapes(
     )
     for shape, own in zip(shapes, embeddings, strict=True):
         with store.writing(embedding_artifact(slug(shape.id)), key) as path:
-            write_embeddings(path, own)
+            save(path, own, Embeddings)
     _write(store, key, finished, correspondence, stored)
     if known := read_fields(finished.store):
         mesh = stored.model.mesh

@@ -19,7 +19,6 @@ from ostiform.pipeline.prepare import Prepared, prepare_shapes
 from ostiform.pipeline.record import record_run
 from ostiform.pipeline.run import Failure, Run
 from ostiform.pipeline.store import Store, key_of
-from ostiform.pipeline.stored_shapes import remove_samplers
 from ostiform.study import Study, read_study
 
 
@@ -159,7 +158,6 @@ def _staged(run: Run, until: Stage, heard: Sequence[str]) -> Summary:
         from ostiform.pipeline.report import write_report  # slow to import, and needed here only
 
         clock.timed("report", lambda: write_report(run.store, run.workers, run.on_event))
-    remove_samplers(run.store)
     if collapsed and run.study.settings.evaluation.collapse == "stop":
         raise CollapseError(
             f"{run.store.root}: {'; '.join(collapsed)}; everything is written there: look at the "

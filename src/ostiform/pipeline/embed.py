@@ -5,12 +5,19 @@ Artifacts: ``embeddings/NAME.bin``, one per shape, whether certified or not.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from ostiform.arrays import FloatArray
+from ostiform.artifacts import load, save
 from ostiform.domain import BaseDomain, ConformalHoles
-from ostiform.embedding import Certificate, EmbeddingSettings, embed, population_problems
+from ostiform.embedding import (
+    Certificate,
+    Embeddings,
+    EmbeddingSettings,
+    embed,
+    population_problems,
+)
 from ostiform.errors import EmbeddingError
-from ostiform.pipeline.arrays_file import read_embeddings, write_embeddings
 from ostiform.pipeline.events import Warn
 from ostiform.pipeline.prepare import Prepared
 from ostiform.pipeline.prepared import read_prepared, shape_artifact
@@ -92,7 +99,7 @@ def _embed(task: _EmbedTask) -> _Mapped:
     settings = EmbeddingSettings(method=task.method)  # type: ignore[arg-type]
     key = key_of("embedding", task.shape.key, task.domain_key, task.method)
     artifact = embedding_artifact(task.shape.name)
-    embeddings = task.store.read_current(artifact, key, read_embeddings)
+    embeddings = task.store.read_current(artifact, key, partial(load, kind=Embeddings))
     if embeddings is None:
         components = read_prepared(task.store.path(shape_artifact(task.shape.name))).components
         spheres = {sphere.name: sphere for sphere in task.domain.spheres}
@@ -102,7 +109,7 @@ def _embed(task: _EmbedTask) -> _Mapped:
             for component, own in zip(components, holes, strict=True)
         )
         with task.store.writing(artifact, key) as path:
-            write_embeddings(path, embeddings)
+            save(path, embeddings, Embeddings)
     problems = [problem for e in embeddings for problem in e.certificate.problems]
     if problems:
         raise EmbeddingError(f"{task.shape.id}: the map is not certified: {'; '.join(problems)}")

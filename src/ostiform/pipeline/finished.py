@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from ostiform.arrays import FloatArray, frozen_floats
+from ostiform.artifacts import load
 from ostiform.correspondence import Correspondence, CorrespondenceSettings
 from ostiform.domain import BaseDomain, domain_from_json, population_poses
-from ostiform.embedding import Embedding, EmbeddingSettings, embed, population_problems
+from ostiform.embedding import Embeddings, EmbeddingSettings, embed, population_problems
 from ostiform.errors import ArtifactError, EmbeddingError, InputError
 from ostiform.execution import Workers
 from ostiform.model import read_correspondence
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.ingest import ingest_shapes, name_shapes, opened_artifact, stored_survey
 from ostiform.pipeline.prepare import prepared_shapes, read_poses
@@ -150,7 +150,7 @@ def _poses(study: Study, finished: FinishedModel, new: Sequence[PreparedShape]) 
 
 def embedded_in(
     study: Study, finished: FinishedModel, shapes: Sequence[PreparedShape]
-) -> list[tuple[Embedding, ...]]:
+) -> list[Embeddings]:
     """Map new shapes to the spheres of a finished model.
 
     Raises
@@ -163,7 +163,7 @@ def embedded_in(
     spheres = {sphere.name: sphere for sphere in finished.domain.spheres}
     settings = EmbeddingSettings(method=study.settings.embedding.method)
     known = [
-        read_embeddings(finished.store.path(embedding_artifact(slug(id))))
+        load(finished.store.path(embedding_artifact(slug(id))), Embeddings)
         for id in finished.correspondence.ids
     ]
     made = []

@@ -8,13 +8,12 @@ states of the paper's own chain on it).
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from ostiform.artifacts import save
+from ostiform.artifacts import load, save
 from ostiform.correspondence import Correspondence
 from ostiform.domain import BaseDomain
-from ostiform.embedding import Embedding, paper_states
+from ostiform.embedding import Embedding, Embeddings, paper_states
 from ostiform.evaluation import MapRecord, MapRecords, map_record, sampled_kinks
 from ostiform.execution import Executor
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.run import Ready, Run
 from ostiform.pipeline.store import Store, key_of
@@ -43,7 +42,7 @@ def write_maps(
     if not store.is_current(PAPER_CHAIN, key):
         chain = shown_map(store, shown.name, stated.part, domain)
         with store.writing(PAPER_CHAIN, key) as path:
-            save(path, chain, tuple[Embedding, ...])
+            save(path, chain, Embeddings)
 
 
 def map_records(store: Store, shapes: Iterable[Ready], workers: Executor) -> tuple[MapRecord, ...]:
@@ -57,7 +56,7 @@ def map_records(store: Store, shapes: Iterable[Ready], workers: Executor) -> tup
 
 def _record(task: tuple[Store, Ready]) -> MapRecord:
     store, shape = task
-    return map_record(str(shape.id), read_embeddings(store.path(embedding_artifact(shape.name))))
+    return map_record(str(shape.id), load(store.path(embedding_artifact(shape.name)), Embeddings))
 
 
 def shown_map(
@@ -74,12 +73,13 @@ def shown_map(
         Default the part with the most openings, the one that is hardest to map.
     domain : BaseDomain
     """
-    embeddings = read_embeddings(store.path(embedding_artifact(name)))
+    embeddings = load(store.path(embedding_artifact(name)), Embeddings)
     used = embeddings[chosen_part(embeddings, part)[0]]
     sphere = next(sphere for sphere in domain.spheres if sphere.name == used.component.name)
     if not sphere.rims and not sphere.seams:
         return used, replace(used, states=())  # no opening that the paper's chain could start from
-    return used, replace(used, states=paper_states(used.component, sphere, used.rotations))
+    rotations = {name: curve.first_angle for name, curve in used.curves.items()}
+    return used, replace(used, states=paper_states(used.component, sphere, rotations))
 
 
 def chosen_part(embeddings: Sequence[Embedding], part: str | None) -> tuple[int, str]:

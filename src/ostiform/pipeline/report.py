@@ -20,7 +20,7 @@ from ostiform.arrays import FloatArray
 from ostiform.artifacts import load
 from ostiform.correspondence import KINDS
 from ostiform.domain import BaseDomain, domain_from_json
-from ostiform.embedding import Embedding
+from ostiform.embedding import Embedding, Embeddings
 from ostiform.errors import ArtifactError
 from ostiform.evaluation import (
     ClinicalTable,
@@ -201,7 +201,7 @@ def _page(store: Store, record: RunRecord) -> Page:
     maps = load(store.path(MAPS), MapRecords)
     stated, labels = record.settings["report"], [str(shape.id) for shape in record.shapes]
     shown = stated["shape"] if stated["shape"] in labels else labels[0]
-    chain = load(store.path(PAPER_CHAIN), tuple[Embedding, ...])
+    chain = load(store.path(PAPER_CHAIN), Embeddings)
     view = state_view(shown, chain, stated["part"], domain, facts)
     turned = {
         pose.id: Rotation.from_matrix(pose.transform[:3, :3]).magnitude()

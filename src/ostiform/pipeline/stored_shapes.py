@@ -1,23 +1,17 @@
-"""The shapes of a run as the correspondence takes them: on disk, worked on in chunks.
-
-Artifacts: ``unfinished/NAME.sampler``, one per shape, while stages that sample shapes go on.
-"""
+"""The shapes of a run as the correspondence takes them: on disk, worked on in chunks."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from ostiform.artifacts import load_mapped
 from ostiform.correspondence import ShapeSampler, SurfaceMarks, sampler
 from ostiform.domain import BaseDomain
+from ostiform.embedding import Embeddings
 from ostiform.execution import Executor
-from ostiform.pipeline.arrays_file import read_embeddings
 from ostiform.pipeline.embed import embedding_artifact
 from ostiform.pipeline.run import Ready, Run
-from ostiform.pipeline.sampler_file import open_sampler, write_sampler
-from ostiform.pipeline.store import Store
-from ostiform.pipeline.unfinished import FOLDER
 
 Item = TypeVar("Item")
 Shared = TypeVar("Shared")
@@ -28,8 +22,6 @@ LARGEST_CHUNK = 16
 
 CHUNKS_PER_WORKER = 3
 """At least so many, where there are few shapes: workers then end at about the same time."""
-
-SUFFIX = ".sampler"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +101,7 @@ def stored_shapes(
     domain: BaseDomain,
     marks: Sequence[SurfaceMarks | None],
 ) -> StoredShapes:
-    """Return embedded shapes ready for sampling; their files are written where they are missing.
+    """Return embedded shapes as the files of their embeddings, opened when they are sampled.
 
     Parameters
     ----------
@@ -120,38 +112,16 @@ def stored_shapes(
     marks : sequence of SurfaceMarks or None
         As many.
     """
-    for outcome in run.workers.each(_prepared, list(ready), run.store, domain):
-        _ = outcome.result
     stored = tuple(
-        StoredShape(run.store.path(_artifact(shape.name)), own)
+        StoredShape(run.store.path(embedding_artifact(shape.name)), own)
         for shape, own in zip(ready, marks, strict=True)
     )
     return StoredShapes(stored, domain, run.workers)
 
 
-def remove_samplers(store: Store) -> None:
-    """Remove the files of all shapes: no stage needs them any more."""
-    for path in store.path(FOLDER).glob(f"*{SUFFIX}"):
-        store.remove(f"{FOLDER}/{path.name}")
-    with suppress(OSError):  # not there, or not empty: other sweeps are unfinished
-        store.path(FOLDER).rmdir()
-
-
 def chunk_size(n_shapes: int, n_workers: int) -> int:
     """Return how many shapes to hand to a worker at a time."""
     return max(1, min(LARGEST_CHUNK, -(-n_shapes // (CHUNKS_PER_WORKER * n_workers))))
-
-
-def _artifact(name: str) -> str:
-    return f"{FOLDER}/{name}{SUFFIX}"
-
-
-def _prepared(shape: Ready, store: Store, domain: BaseDomain) -> None:
-    artifact = _artifact(shape.name)
-    if not store.is_current(artifact, shape.key):
-        embeddings = read_embeddings(store.path(embedding_artifact(shape.name)))
-        with store.writing(artifact, shape.key) as path:
-            write_sampler(path, sampler(embeddings, domain))
 
 
 def _chunk(
@@ -164,4 +134,4 @@ def _chunk(
 
 
 def _opened(stored: StoredShape, domain: BaseDomain) -> ShapeSampler:
-    return replace(open_sampler(stored.path, domain), marks=stored.marks)
+    return replace(sampler(load_mapped(stored.path, Embeddings), domain), marks=stored.marks)

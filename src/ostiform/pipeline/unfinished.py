@@ -5,9 +5,10 @@ Artifacts: ``unfinished/NAME-level-N.bin``, removed when the stage that they bel
 
 import time
 from dataclasses import dataclass
+from functools import partial
 
+from ostiform.artifacts import load, save
 from ostiform.correspondence import Checkpoint
-from ostiform.pipeline.arrays_file import read_checkpoint, write_checkpoint
 from ostiform.pipeline.store import Store
 
 FOLDER = "unfinished"
@@ -39,7 +40,7 @@ class Unfinished:
         states: list[Checkpoint] = []
         while not states or states[-1].status is not None:
             artifact = self._artifact(len(states) + 1)
-            state = self.store.read_current(artifact, self.key, read_checkpoint)
+            state = self.store.read_current(artifact, self.key, partial(load, kind=Checkpoint))
             if state is None:
                 break
             states.append(state)
@@ -51,7 +52,7 @@ class Unfinished:
         if state.status is None and start < self._next_write:
             return
         with self.store.writing(self._artifact(state.level), self.key) as path:
-            write_checkpoint(path, state)
+            save(path, state)
         end = time.monotonic()
         self._next_write = end + REST * (end - start)
 

@@ -6,11 +6,11 @@ gets the next number in the same commit, and what it feeds is made again with it
 """
 
 VERSIONS = {
-    "demonstration": 1,
+    "demonstration": 2,
     "ingest": 2,
     "prepare": 2,
     "domain": 2,
-    "embedding": 1,
+    "embedding": 2,
     "maps": 1,
     "paper chain": 1,
     "correspondence": 1,

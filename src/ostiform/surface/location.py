@@ -6,7 +6,7 @@ fan lies beyond the chords of a rim; it is moved along the great circle through 
 the rim (design 4).
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,13 +17,14 @@ from ostiform.errors import ConvergenceError, InputError
 from ostiform.surface.halfedges import twin_half_edges
 from ostiform.surface.sphere import normalised
 from ostiform.surface.topology import boundary_loops
+from ostiform.values import Axes, IndexOf, value
 
 # A query is outside an edge when the sine of its angle off the edge's great circle, times the
 # sine of the angle under which the edge is seen, exceeds the rounding of a determinant.
 OUTSIDE = 1e-15
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@value
 class SphereLocator:
     """A triangulation of the sphere prepared for many point locations.
 
@@ -42,11 +43,11 @@ class SphereLocator:
         face at the point nearest to the cell's centre (by k-d tree).
     """
 
-    points: FloatArray
-    faces: IntArray
-    twins: IntArray
+    points: Annotated[FloatArray, Axes("Q", 3)]
+    faces: Annotated[IntArray, Axes("G", 3), IndexOf("Q")]
+    twins: Annotated[IntArray, Axes(None)]
     n_faces: int
-    start: IntArray
+    start: Annotated[IntArray, Axes(None), IndexOf("G")]
 
 
 def sphere_locator(directions: FloatArray, faces: IntArray) -> SphereLocator:
@@ -83,8 +84,7 @@ def sphere_locator(directions: FloatArray, faces: IntArray) -> SphereLocator:
         apex = np.full(len(loop), len(directions) + k)
         fans.append(np.stack([np.roll(loop, -1), loop, apex], axis=1))
     points = np.concatenate([directions, normalised(apexes)]) if loops else directions
-    points = np.ascontiguousarray(points)
-    completed = np.ascontiguousarray(np.concatenate(fans))
+    completed = np.concatenate(fans)
     at_point = np.zeros(len(points), dtype=np.int64)
     # Reversed, so that a rim vertex starts in a face of the surface rather than in a fan.
     order = np.arange(len(completed))[::-1]

@@ -149,11 +149,11 @@ def _places(
     distances = np.stack(
         [
             np.linalg.norm(
-                closest_points(surface_tree(part.vertices, part.faces), positions).points
+                closest_points(surface_tree(mesh.vertices, mesh.faces), positions).points
                 - positions,
                 axis=1,
             )
-            for part in sampler.components
+            for mesh in (part.component for part in sampler.components)
         ]
     )  # (C, L)
     component = distances.argmin(axis=0)
