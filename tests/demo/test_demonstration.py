@@ -12,7 +12,7 @@ from ostiform.demo.contouring import canonical_points, extract
 from ostiform.demo.demonstration import demonstration_truth, write_demonstration
 from ostiform.demo.truth import read_truth
 from ostiform.errors import InputError, TopologyError
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.surface import (
     boundary_loops,
     enclosed_volume,
@@ -21,6 +21,7 @@ from ostiform.surface import (
     non_manifold_edges,
     non_manifold_vertices,
 )
+from tests.study.single_shapes import read_shape
 
 EDGE_MM = 2.6
 OSTIA = {"LV": {"mitral", "aortic"}, "LA": {"mitral", "RSPV", "RIPV", "LSPV", "LIPV"}}

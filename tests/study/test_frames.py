@@ -9,8 +9,8 @@ import SimpleITK
 from ostiform.errors import InputError
 from ostiform.study import proposed_study, read_study
 from ostiform.study.labelmaps import read_label_map
-from ostiform.study.reading import read_shape
 from ostiform.surface import enclosed_volume
+from tests.study.single_shapes import read_shape
 
 STEP = 2.5
 SCALES = (1.0, 0.9, 0.75, 0.8, 0.95)

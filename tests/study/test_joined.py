@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ostiform.errors import InputError
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.surface import welded_components, write_surface
 from tests.oracles.holed_spheres import holed_sphere, sphere_with_circles
+from tests.study.single_shapes import read_shape
 
 HEART = """
 schema = 1

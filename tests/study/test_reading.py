@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from ostiform.errors import InputError, TopologyError
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.surface import boundary_loops, enclosed_volume, welded_components, write_surface
 from tests.oracles.holed_spheres import half_sphere, holed_sphere, sphere_with_circles, torus
+from tests.study.single_shapes import read_shape
 
 HEART = """
 schema = 1
@@ -228,7 +229,7 @@ def test_a_damaged_file_is_named_with_its_shape(shape, tmp_path):
 
 
 def test_an_extra_opening_fails_its_shape_with_a_list(shape):
-    with pytest.raises(InputError, match=r"shape a/0: LA .*expected 2 openings .* found 3: loop 1"):
+    with pytest.raises(InputError, match=r"shape a/0: LA: expected 2 openings .* found 3: loop 1"):
         shape(ALONE, a=holed_sphere(300, [*TWO_HOLES, ((0, 1, 0), 0.2, 12)]))
 
 

@@ -8,9 +8,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from ostiform.errors import InputError
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.surface import enclosed_volume, write_surface
 from tests.oracles.holed_spheres import holed_sphere
+from tests.study.single_shapes import read_shape
 
 STRETCH = np.array([30.0, 20.0, 24.0])
 HOLES = [((0.9, 0.2, 0.4), 0.5, 24), ((-0.3, 0.9, 0.3), 0.3, 20)]

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ostiform.errors import InputError
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.study.markups import curve_cut, cut_heights, plane_cut, read_markups
 from ostiform.study.reading import survey_shape
 from ostiform.surface import (
@@ -17,6 +17,7 @@ from ostiform.surface import (
 )
 from tests.oracles.holed_spheres import holed_sphere, sphere_with_circles
 from tests.oracles.label_volumes import posed_grid, voxel_centers
+from tests.study.single_shapes import read_shape
 
 TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 HEART = """

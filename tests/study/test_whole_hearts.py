@@ -6,10 +6,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ostiform.errors import TopologyError
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.surface import enclosed_volume, welded_components
 from tests.oracles.label_volumes import posed_grid, voxel_centers
 from tests.oracles.whole_hearts import ENDS, LABELS, whole_heart_labels
+from tests.study.single_shapes import read_shape
 
 MIDDLE = np.array([10.0, 0.0, 0.0])
 LEFT = """

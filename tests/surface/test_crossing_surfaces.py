@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from ostiform.study import read_shape, read_study
+from ostiform.study import read_study
 from ostiform.surface import crossing_depth, write_surface
 from tests.oracles.holed_spheres import holed_sphere
+from tests.study.single_shapes import read_shape
 
 
 def ball(radius, center=(0.0, 0.0, 0.0), holes=(), points=2000):

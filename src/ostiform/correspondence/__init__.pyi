@@ -1,4 +1,3 @@
-from .alignment import AlignmentMode as AlignmentMode
 from .alignment import align as align
 from .build import build_shared_metric as build_shared_metric
 from .build import correspond as correspond

@@ -8,7 +8,7 @@ times ``sum_p w_p |s R mean_i(x_ip) + t - m_p|^2`` by a term that holds s but ne
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, get_args
 
 import numpy as np
 
@@ -21,10 +21,10 @@ from ostiform.domain import (
     weighted_norms,
 )
 from ostiform.errors import InputError
+from ostiform.study import AlignmentMode
 from ostiform.values import Axes, value
 
-AlignmentMode: TypeAlias = Literal["rigid", "similarity", "none"]
-MODES: tuple[AlignmentMode, ...] = ("rigid", "similarity", "none")
+MODES: tuple[AlignmentMode, ...] = get_args(AlignmentMode)
 
 # Relative difference of sizes and distances below which two groups count as equally good
 # references: far above rounding, far below any difference between real shapes.

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ostiform.arrays import FloatArray
-from ostiform.correspondence.alignment import AlignmentMode
 from ostiform.correspondence.fields import FieldBasis
 from ostiform.correspondence.terms.landmarks import TemplateMarks
 from ostiform.correspondence.terms.metric import MetricTerm
 from ostiform.correspondence.terms.quadratic_form import QuadraticForm
 from ostiform.domain import Template
-from ostiform.study import ShapeId
+from ostiform.study import AlignmentMode, ShapeId
 from ostiform.values import Axes, value
 
 

@@ -2,15 +2,21 @@
 
 from typing import Annotated, Literal
 
-from ostiform.correspondence.alignment import AlignmentMode
+from ostiform.study import (
+    AlignmentMode,
+    AlignmentSettings,
+    Optimiser,
+    StatedCorrespondence,
+    TemplateSettings,
+)
 from ostiform.values import Above, AtLeast, value
 
-Optimiser = Literal["majorise", "conjugate-gradient"]
+_STATED = StatedCorrespondence()
 
 
 @value(eq=True)
 class CorrespondenceSettings:
-    """How shapes are brought into correspondence.
+    """How shapes are brought into correspondence; what a study can state has its default.
 
     Attributes
     ----------
@@ -49,19 +55,19 @@ class CorrespondenceSettings:
         Of the random order of `conjugate-gradient`.
     """
 
-    optimiser: Optimiser = "majorise"
-    levels: Annotated[int, AtLeast(1)] = 4
-    n_points: Annotated[int, AtLeast(12)] = 2500
+    optimiser: Optimiser = _STATED.optimiser
+    levels: Annotated[int, AtLeast(1)] = _STATED.levels
+    n_points: Annotated[int, AtLeast(12)] = TemplateSettings().points
     n_optimised: Annotated[int, AtLeast(12)] = 500
-    noise_mm: Annotated[float, Above(0)] | None = None
-    alignment: AlignmentMode = "rigid"
+    noise_mm: Annotated[float, Above(0)] | None = _STATED.noise_mm
+    alignment: AlignmentMode = AlignmentSettings().mode
     per: Literal["subject", "shape"] = "subject"
-    batch: Annotated[int, AtLeast(2)] | None = None
+    batch: Annotated[int, AtLeast(2)] | None = _STATED.batch
     sweeps: Annotated[int, AtLeast(1)] = 20
     tolerance: Annotated[float, AtLeast(0)] = 2e-3
     stretch: Annotated[float, AtLeast(0)] = 20.0
     offset: Annotated[float, AtLeast(0)] = 20.0
-    coherence: Annotated[float, AtLeast(0)] = 1e6
+    coherence: Annotated[float, AtLeast(0)] = _STATED.coherence
     metric: Annotated[float, AtLeast(0)] = 300.0
     euclidean_noise_mm: Annotated[float, Above(0)] | None = None
-    seed: int = 0
+    seed: int = _STATED.seed

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.correspondence.alignment import AlignmentMode, align
+from ostiform.correspondence.alignment import align
 from ostiform.correspondence.checkpoint import (
     Callbacks,
     Checkpoint,
@@ -23,6 +23,7 @@ from ostiform.correspondence.shapes import GivenShapes, Shapes, as_shapes
 from ostiform.correspondence.state import WarpState
 from ostiform.correspondence.terms.metric import MetricTerm, with_reference
 from ostiform.correspondence.warp import Step, Steps, in_order, steps_of
+from ostiform.study import AlignmentMode
 from ostiform.surface import vertex_areas
 
 

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ostiform.arrays import FloatArray, IntArray
-from ostiform.correspondence.alignment import AlignmentMode
 from ostiform.correspondence.checkpoint import LevelStatus, SweepRecord
 from ostiform.correspondence.control_points import ControlPoints
 from ostiform.correspondence.frozen import FrozenModel
 from ostiform.correspondence.types import Correspondence
 from ostiform.correspondence.warp import Warps
 from ostiform.domain import BaseDomain, Template
+from ostiform.study import AlignmentMode
 from ostiform.values import Axes, value
 
 Kind = Literal["conformal", "euclidean", "optimal"]

@@ -1,16 +1,15 @@
 """How a component is embedded."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from ostiform.embedding.energy import EnergyWeights
+from ostiform.study import EmbeddingMethod, StatedEmbedding
 from ostiform.values import Above, AtLeast, value
-
-Method = Literal["barrier", "harmonic-barrier", "harmonic"]
 
 
 @value(eq=True)
 class EmbeddingSettings:
-    """The method of embedding and where it stops.
+    """The method of embedding, by default what a study has, and where it stops.
 
     Attributes
     ----------
@@ -24,7 +23,7 @@ class EmbeddingSettings:
         Newton steps of the exact barrier, at most.
     """
 
-    method: Method = "barrier"
+    method: EmbeddingMethod = StatedEmbedding().method
     tolerance: Annotated[float, Above(0)] = 1e-4
     max_iterations: Annotated[int, AtLeast(1)] = 60
 

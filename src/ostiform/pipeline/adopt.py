@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ostiform.arrays import IntArray
-from ostiform.correspondence import AlignmentMode, align, cut_off_eigenvalue, description_length
+from ostiform.correspondence import align, cut_off_eigenvalue, description_length
 from ostiform.errors import InputError, TopologyError
 from ostiform.evaluation import (
     MODE_COUNTS,
@@ -46,7 +46,7 @@ from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.events import Note, OnEvent, Progress, Warn
 from ostiform.pipeline.results import Writer, copy_artifact, result_files, write_all
 from ostiform.pipeline.store import Store, key_of
-from ostiform.study import ShapeId, other_sizes
+from ostiform.study import AlignmentMode, ShapeId, other_sizes
 from ostiform.surface import face_areas, face_normals, median_edge_length, vertex_areas
 
 NOISE_OVER_EDGE = 0.2

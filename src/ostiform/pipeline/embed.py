@@ -23,6 +23,7 @@ from ostiform.pipeline.prepare import Prepared
 from ostiform.pipeline.prepared import read_prepared, shape_artifact
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
 from ostiform.pipeline.store import Store, key_of
+from ostiform.study import EmbeddingMethod
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +87,7 @@ class _EmbedTask:
     holes: tuple[ConformalHoles, ...] | None
     domain: BaseDomain
     domain_key: str
-    method: str
+    method: EmbeddingMethod
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +97,7 @@ class _Mapped:
 
 
 def _embed(task: _EmbedTask) -> _Mapped:
-    settings = EmbeddingSettings(method=task.method)  # type: ignore[arg-type]
+    settings = EmbeddingSettings(method=task.method)
     key = key_of("embedding", task.shape.key, task.domain_key, task.method)
     artifact = embedding_artifact(task.shape.name)
     embeddings = task.store.read_current(artifact, key, partial(load, kind=Embeddings))

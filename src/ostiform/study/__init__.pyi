@@ -8,7 +8,6 @@ from .layout_names import LayoutCircle as LayoutCircle
 from .markups import read_markups as read_markups
 from .naming import LoopFacts as LoopFacts
 from .naming import loop_facts as loop_facts
-from .naming import named_loops as named_loops
 from .opened import OpenedShape as OpenedShape
 from .parts import MIRROR as MIRROR
 from .parts import internal_factors as internal_factors
@@ -18,11 +17,17 @@ from .proposal import proposed_study as proposed_study
 from .reading import named_shape as named_shape
 from .reading import opened_shape as opened_shape
 from .reading import part_facts as part_facts
-from .reading import read_shape as read_shape
 from .reading import survey_shape as survey_shape
+from .settings import AlignmentMode as AlignmentMode
+from .settings import AlignmentSettings as AlignmentSettings
 from .settings import CircleSettings as CircleSettings
+from .settings import EmbeddingMethod as EmbeddingMethod
 from .settings import FieldSettings as FieldSettings
+from .settings import Optimiser as Optimiser
+from .settings import StatedCorrespondence as StatedCorrespondence
+from .settings import StatedEmbedding as StatedEmbedding
 from .settings import StudySettings as StudySettings
+from .settings import TemplateSettings as TemplateSettings
 from .settings_file import parsed_settings as parsed_settings
 from .settings_file import read_settings as read_settings
 from .shape import NO_PHASE as NO_PHASE

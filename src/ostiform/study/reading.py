@@ -1,6 +1,6 @@
 """From the files of one shape to its surfaces: oriented, opened, named and sewn at the seams."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -9,14 +9,13 @@ import numpy as np
 from ostiform.arrays import IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.study.markups import Markups
-from ostiform.study.naming import loop_facts, named_loops
+from ostiform.study.naming import loop_facts
 from ostiform.study.opened import OpenedShape
 from ostiform.study.parts import (
     MIRROR,
     OpenPart,
     PartFacts,
     close_loops,
-    internal_factors,
     opened_part,
     reflected_part,
     surface_facts,
@@ -94,35 +93,13 @@ def named_shape(settings: StudySettings, opened: OpenedShape, names: ShapeNames)
             part: Surface(item.vertices, item.faces, _loops_by_name(item))
             for part, item in closed.items()
         }
-        return _finished(settings, opened, closed, surfaces, names.notes)
+        surfaces, seam_repairs = _sewn(settings, surfaces)
+        repairs = [f"{part}: {repair}" for part, item in closed.items() for repair in item.repairs]
+        crossing = _crossing_components(settings, surfaces)
+        said = (*opened.notes, *repairs, *names.notes, *seam_repairs, *crossing)
+        return Shape(opened.id, surfaces, settings.seam_pairs, said)
     except (InputError, TopologyError) as error:
         raise type(error)(f"shape {opened.id}: {error}") from None
-
-
-def read_shape(study: Study, entry: ShapeEntry, names: ShapeNames | None = None) -> Shape:
-    """Read one shape alone: `opened_shape` and `named_shape`.
-
-    Parameters
-    ----------
-    study : Study
-    entry : ShapeEntry
-    names : ShapeNames, optional
-        From `named_population`; without them the rough points of the study are taken to be in
-        the frame of this shape's files.
-
-    Raises
-    ------
-    InputError, TopologyError
-        Those of both, and if the loops do not fit the ostia.
-    """
-    opened = opened_shape(study, entry)
-    if names is not None:
-        return named_shape(study.settings, opened, names)
-    try:
-        surfaces = {part: _named(study.settings, entry, part, opened) for part in opened.parts}
-        return _finished(study.settings, opened, opened.parts, surfaces, ())
-    except (InputError, TopologyError) as error:
-        raise type(error)(f"shape {entry.id}: {error}") from None
 
 
 def survey_shape(study: Study, entry: ShapeEntry) -> ShapeSurvey:
@@ -136,20 +113,6 @@ def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
         return surface_facts(part_meshes(study.settings, entry, {})[0][part])
     except (InputError, TopologyError):
         return None
-
-
-def _finished(
-    settings: StudySettings,
-    opened: OpenedShape,
-    parts: Mapping[str, OpenPart],
-    surfaces: Mapping[str, Surface],
-    notes: Sequence[str],
-) -> Shape:
-    surfaces, seam_repairs = _sewn(settings, surfaces)
-    repairs = [f"{part}: {repair}" for part, item in parts.items() for repair in item.repairs]
-    crossing = _crossing_components(settings, surfaces)
-    said = (*opened.notes, *repairs, *notes, *seam_repairs, *crossing)
-    return Shape(opened.id, surfaces, settings.seam_pairs, said)
 
 
 def _crossing_components(settings: StudySettings, surfaces: Mapping[str, Surface]) -> list[str]:
@@ -243,35 +206,6 @@ def _coincident_pairs(
             if loop_gap(here, there) <= tolerance:
                 pairs.append((k, l))
     return pairs
-
-
-def _named(
-    settings: StudySettings,
-    entry: ShapeEntry,
-    part: str,
-    shape: OpenedShape,
-) -> Surface:
-    opened, factors = shape.parts[part], internal_factors(settings)
-    as_in_file = opened.vertices / factors
-    facts = [loop_facts(as_in_file, loop) for loop in opened.loops]
-    diagonal = float(np.linalg.norm(np.ptp(as_in_file, axis=0)))
-    stated = {name: np.array(point) for name, point in settings.ostia.points.items()}
-    stated |= {name: point / factors for name, point in shape.points.items()}
-    points = {
-        ostium: point
-        for name, point in stated.items()
-        for owner, ostium in [split_ostium_name(name)]
-        if owner == part
-    }
-    try:
-        named = named_loops(
-            settings.parts[part].ostia, facts, opened.known, points, diagonal, settings.units
-        )
-    except InputError as error:
-        raise InputError(f"{part} ({entry.files[part]}): {error}") from None
-    return Surface(
-        opened.vertices, opened.faces, {name: opened.loops[k] for name, k in named.items()}
-    )
 
 
 def _sewn(

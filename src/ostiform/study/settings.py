@@ -11,6 +11,10 @@ Point: TypeAlias = tuple[Finite, Finite, Finite]
 Name: TypeAlias = Annotated[str, Field(min_length=1, pattern=r"^[^\s./\\{}=+][^./\\{}=+]*$")]
 """Part and ostium names; ``.``, ``+`` and ``=`` join names, ``/`` would be a group in HDF5."""
 
+EmbeddingMethod: TypeAlias = Literal["barrier", "harmonic-barrier", "harmonic"]
+Optimiser: TypeAlias = Literal["majorise", "conjugate-gradient"]
+AlignmentMode: TypeAlias = Literal["rigid", "similarity", "none"]
+
 
 class _Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -160,10 +164,10 @@ class FieldSettings(_Settings):
     required: bool = True
 
 
-class EmbeddingSettings(_Settings):
+class StatedEmbedding(_Settings):
     """How a component is mapped to its sphere."""
 
-    method: Literal["barrier", "harmonic-barrier", "harmonic"] = "barrier"
+    method: EmbeddingMethod = "barrier"
     coarsen: bool = True
 
 
@@ -173,7 +177,7 @@ class TemplateSettings(_Settings):
     points: Annotated[int, Field(ge=50)] = 2500
 
 
-class CorrespondenceSettings(_Settings):
+class StatedCorrespondence(_Settings):
     """How the shapes are put into correspondence.
 
     `noise_mm` is the standard deviation per coordinate below which variation is noise; default
@@ -182,7 +186,7 @@ class CorrespondenceSettings(_Settings):
     shapes move between two updates of the mean and of what is common to all; default all.
     """
 
-    optimiser: Literal["majorise", "conjugate-gradient"] = "majorise"
+    optimiser: Optimiser = "majorise"
     levels: Annotated[int, Field(ge=1, le=8)] = 4
     noise_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
     coherence: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 1e6
@@ -205,7 +209,7 @@ class LandmarksSettings(_Settings):
 class AlignmentSettings(_Settings):
     """How poses are removed; `per` defaults to subject where a subject has several phases."""
 
-    mode: Literal["rigid", "similarity", "none"] = "rigid"
+    mode: AlignmentMode = "rigid"
     per: Literal["subject", "shape"] | None = None
     frame: Literal["found", "files"] = "found"
 
@@ -263,9 +267,9 @@ class StudySettings(_Settings):
     cuts: CutsSettings = CutsSettings()
     fields: dict[Name, FieldSettings] = {}
     domain: DomainSettings = DomainSettings()
-    embedding: EmbeddingSettings = EmbeddingSettings()
+    embedding: StatedEmbedding = StatedEmbedding()
     template: TemplateSettings = TemplateSettings()
-    correspondence: CorrespondenceSettings = CorrespondenceSettings()
+    correspondence: StatedCorrespondence = StatedCorrespondence()
     landmarks: LandmarksSettings = LandmarksSettings()
     alignment: AlignmentSettings = AlignmentSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
