@@ -20,8 +20,8 @@ from ostiform.domain.procrustes import (
     superposed,
     weighted_norms,
 )
+from ostiform.domain.shared_frame import kept_to_shared_frame, kept_to_subjects
 from ostiform.domain.surface_fit import (
-    SurfaceFit,
     SurfaceSample,
     fit_at,
     fitted_rotation,
@@ -49,19 +49,6 @@ FEWEST_TO_COMPARE = 4
 # So many shapes, the first of each subject, are also compared by surfaces where landmarks give
 # the pose: names that were given to a mirrored shape may make its landmarks fit.
 MOST_COMPARED = 40
-
-# Nearly round surfaces fit as well turned away, so nothing is turned without evidence. The files
-# share a frame where at least half of the shapes fit, as their files have them, at most FRAME_BELOW
-# times worse than turned. Such shapes stay as they are, and so do those whose line of landmarks
-# points as the reference's does (7 % would by chance), up to TURNED_ABOVE. A phase turns
-# with another of its subject where that fits nearly as well. Of real ventricles, warped,
-# files of one frame 1.2 to 1.6 times worse in the median and 2.2 at most, turned at random 1.9 to
-# 2.2 in the median; two phases of a subject at most 1.15, turned at random 1.17 to 2.6 (5 % below
-# 1.3).
-FRAME_BELOW = 1.6
-SAME_LINE_BELOW = np.radians(30.0)
-TURNED_ABOVE = 2.5
-SUBJECT_BELOW = 1.3
 
 # Relative difference below which two shapes count as equally good references.
 TIE = 1e-9
@@ -309,8 +296,9 @@ def _posed_by_surfaces(
         for index, sample in enumerate(samples)
     ]
     ratios = np.array([fit.reflected_residual / max(fit.residual, TIE) for fit in fits])
-    fits = _kept_to_shared_frame(fits, samples, axes, reference)
-    fits = _kept_to_subjects(fits, shapes, reference)
+    fits = kept_to_shared_frame(fits, samples, axes, reference)
+    subjects = [shape.id.subject for shape in shapes]
+    fits = kept_to_subjects(fits, samples, subjects, reference)
     rotations = np.array([fit.rotation for fit in fits])
     rotations[reference] = np.eye(3)
     transforms = homogeneous(rotations, [fit.translation for fit in fits])
@@ -352,54 +340,6 @@ def _mirror_images(ratios: FloatArray, reference: int, share: float = AS_USUAL) 
     mirrored: BoolArray = ratios < limit
     mirrored[reference] = False
     return ~mirrored if 2 * mirrored.sum() > len(ratios) else mirrored
-
-
-def _kept_to_shared_frame(
-    fits: Sequence[SurfaceFit],
-    samples: Sequence[SurfaceSample],
-    axes: FloatArray | None,
-    reference: int,
-) -> list[SurfaceFit]:
-    """Return the fits, those as their files have them that have no reason to turn."""
-    unturned = [fit_at(sample, samples[reference], np.eye(3)) for sample in samples]
-    worse = np.array([own.residual for own in unturned]) / [fit.residual for fit in fits]
-    stays = worse <= FRAME_BELOW
-    if len(fits) < 2 or np.delete(stays, reference).mean() < 0.5:
-        return list(fits)
-    if axes is not None:
-        same = axes @ axes[reference] >= np.cos(SAME_LINE_BELOW)
-        stays |= same & (worse <= TURNED_ABOVE)
-    return [
-        replace(fit, rotation=own.rotation, translation=own.translation, residual=own.residual)
-        if stay
-        else fit
-        for own, fit, stay in zip(unturned, fits, stays, strict=True)
-    ]
-
-
-def _kept_to_subjects(
-    fits: Sequence[SurfaceFit], shapes: Sequence[PoseFeatures], reference: int
-) -> list[SurfaceFit]:
-    """Return the fits, phases turned as the best fitting one of their subject, if that suits."""
-    kept = list(fits)
-    samples = [shape.sample for shape in shapes]
-    subjects: dict[str, list[int]] = {}
-    for index, shape in enumerate(shapes):
-        subjects.setdefault(shape.id.subject, []).append(index)
-    for own in subjects.values():
-        best = reference if reference in own else min(own, key=lambda index: fits[index].residual)
-        for index in own:
-            if index == best or (fits[index].rotation == fits[best].rotation).all():
-                continue
-            turned = fitted_rotation(samples[index], samples[best])
-            as_filed = fit_at(samples[index], samples[best], np.eye(3))
-            if as_filed.residual <= SUBJECT_BELOW * turned.residual:
-                rotation = np.eye(3) if best == reference else fits[best].rotation
-                kept[index] = replace(
-                    fit_at(samples[index], samples[reference], rotation),
-                    reflected_residual=fits[index].reflected_residual,
-                )
-    return kept
 
 
 def _axes(centred: FloatArray) -> FloatArray:

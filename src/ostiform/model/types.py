@@ -1,7 +1,6 @@
 """Statistical shape models as values: a mean, modes, variances, and the mesh they live on.
 
-A model is a Gaussian distribution: projecting, sampling, truncating, restricting and conditioning
-return points, scores or another model of the same kind, and change nothing.
+Projecting, sampling, truncating and conditioning return points, scores or another model.
 """
 
 from collections.abc import Sequence

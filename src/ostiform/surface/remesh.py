@@ -17,7 +17,7 @@ from ostiform.errors import ConvergenceError, InputError
 from ostiform.surface.halfedges import twin_half_edges
 from ostiform.surface.queries import SurfaceTree, closest_points, surface_tree
 from ostiform.surface.remesh_kernels import collapse_edges, split_edges
-from ostiform.surface.remesh_mesh import Curves, Mesh
+from ostiform.surface.remesh_mesh import Curves, Grid, closed, opened
 from ostiform.surface.remesh_smoothing import flip_edges, relax
 from ostiform.surface.topology import boundary_loops, half_edges
 from ostiform.values import AtLeast, value
@@ -72,18 +72,6 @@ class RemeshedSurface:
     labels: IntArray
     curves: tuple[IntArray, ...]
     rims: tuple[IntArray, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Grid:
-    # A mesh between two passes: exact-size arrays, nothing removed.
-    vertices: FloatArray
-    faces: IntArray
-    labels: IntArray
-    target: FloatArray
-    curve: IntArray
-    along: FloatArray
-    feature: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +167,7 @@ def _prepared(
     labels: IntArray | None,
     relative: FloatArray,
     curves: Sequence[IntArray],
-) -> tuple[_Grid, Curves]:
+) -> tuple[Grid, Curves]:
     face_labels = np.zeros(len(faces), dtype=np.int64) if labels is None else np.asarray(labels)
     if face_labels.shape != (len(faces),):
         raise InputError(
@@ -227,7 +215,7 @@ def _prepared(
             f"labels: expected every border between labels to be among the curves, found "
             f"{int((border & (feature < 0)).sum()) // 2} border edges that are not"
         )
-    grid = _Grid(
+    grid = Grid(
         vertices=np.array(vertices, dtype=np.float64),
         faces=np.array(faces, dtype=np.int64),
         labels=face_labels.astype(np.int64),
@@ -242,11 +230,11 @@ def _prepared(
     return grid, polylines
 
 
-def _scaled(grid: _Grid, factor: float) -> _Grid:
+def _scaled(grid: Grid, factor: float) -> Grid:
     return replace(grid, target=grid.target * factor)
 
 
-def _with_count(grid: _Grid, job: _Job, n_vertices: int, iterations: int) -> _Grid:
+def _with_count(grid: Grid, job: _Job, n_vertices: int, iterations: int) -> Grid:
     corners = job.tree.vertices[job.tree.faces]
     areas = 0.5 * np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -280,7 +268,7 @@ def _with_count(grid: _Grid, job: _Job, n_vertices: int, iterations: int) -> _Gr
     return grid
 
 
-def _remeshed(grid: _Grid, job: _Job, edge: float, iterations: int) -> _Grid:
+def _remeshed(grid: Grid, job: _Job, edge: float, iterations: int) -> Grid:
     grid = _split_round(grid, job, _joins_curves(grid))
     for iteration in range(iterations):
         for _ in range(SPLIT_ROUNDS):
@@ -296,18 +284,18 @@ def _remeshed(grid: _Grid, job: _Job, edge: float, iterations: int) -> _Grid:
     return grid
 
 
-def _edge_lengths(grid: _Grid) -> tuple[FloatArray, FloatArray]:
+def _edge_lengths(grid: Grid) -> tuple[FloatArray, FloatArray]:
     directed = half_edges(grid.faces)  # (3F, 2)
     lengths = np.linalg.norm(grid.vertices[directed[:, 1]] - grid.vertices[directed[:, 0]], axis=1)
     return lengths, grid.target[directed].mean(axis=1)
 
 
-def _joins_curves(grid: _Grid) -> BoolArray:
+def _joins_curves(grid: Grid) -> BoolArray:
     joins: BoolArray = (grid.curve[half_edges(grid.faces)] >= 0).all(axis=1) & (grid.feature < 0)
     return joins
 
 
-def _split_round(grid: _Grid, job: _Job, wanted: BoolArray, at_most: int | None = None) -> _Grid:
+def _split_round(grid: Grid, job: _Job, wanted: BoolArray, at_most: int | None = None) -> Grid:
     if not wanted.any():
         return grid
     directed = half_edges(grid.faces)
@@ -316,21 +304,21 @@ def _split_round(grid: _Grid, job: _Job, wanted: BoolArray, at_most: int | None 
     lengths, target = _edge_lengths(grid)
     chosen = np.flatnonzero(once)
     chosen = chosen[np.argsort(-(lengths / target)[chosen], kind="stable")][:at_most]
-    mesh = _opened(grid, len(chosen), twins, len(job.curves.start) - 1)
+    mesh = opened(grid, len(chosen), twins, len(job.curves.start) - 1)
     split_edges(mesh, job.curves, chosen, np.ascontiguousarray(directed[chosen]))
-    return _closed(mesh)
+    return closed(mesh)
 
 
 def _collapse_round(
-    grid: _Grid, job: _Job, shortest: float = SHORT, at_most: int | None = None
-) -> _Grid:
+    grid: Grid, job: _Job, shortest: float = SHORT, at_most: int | None = None
+) -> Grid:
     lengths, wanted = _edge_lengths(grid)
     directed = half_edges(grid.faces)
     twins = twin_half_edges(grid.faces, len(grid.vertices))
     once = (twins < 0) | (directed[:, 0] < directed[:, 1])
     chosen = np.flatnonzero(once & (lengths < shortest * wanted))
     chosen = chosen[np.argsort((lengths / wanted)[chosen], kind="stable")]
-    mesh = _opened(grid, 0, twins, len(job.curves.start) - 1)
+    mesh = opened(grid, 0, twins, len(job.curves.start) - 1)
     collapse_edges(
         mesh,
         job.curves,
@@ -340,18 +328,18 @@ def _collapse_round(
         len(chosen) if at_most is None else at_most,
         job.rules.move_curves,
     )
-    return _closed(mesh)
+    return closed(mesh)
 
 
-def _smooth_round(grid: _Grid, job: _Job, edge: float, by_angle: bool) -> _Grid:
+def _smooth_round(grid: Grid, job: _Job, edge: float, by_angle: bool) -> Grid:
     twins = twin_half_edges(grid.faces, len(grid.vertices))
-    mesh = _opened(grid, 0, twins, len(job.curves.start) - 1)
+    mesh = opened(grid, 0, twins, len(job.curves.start) - 1)
     flip_edges(mesh, False)
     for _ in range(2):
         relax(mesh, job.curves, 0.7, job.rules.move_curves)
     if by_angle:
         flip_edges(mesh, True)
-    moved = _closed(mesh)
+    moved = closed(mesh)
     free = moved.curve < 0
     closest = closest_points(job.tree, moved.vertices)
     vertices = np.where(free[:, None], closest.points, moved.vertices)
@@ -360,49 +348,7 @@ def _smooth_round(grid: _Grid, job: _Job, edge: float, by_angle: bool) -> _Grid:
     return replace(moved, vertices=vertices, target=target)
 
 
-def _opened(grid: _Grid, n_new: int, twins: IntArray, n_curves: int) -> Mesh:
-    n_vertices, n_faces = len(grid.vertices), len(grid.faces)
-    out = np.full(n_vertices, -1, dtype=np.int64)
-    out[grid.faces.ravel()] = np.arange(3 * n_faces)
-    on_curve = np.bincount(grid.curve[grid.curve >= 0], minlength=max(n_curves, 1))
-
-    def grown(array: np.ndarray, extra: int) -> np.ndarray:
-        return np.concatenate([array, np.zeros((extra, *array.shape[1:]), dtype=array.dtype)])
-
-    return Mesh(
-        positions=grown(grid.vertices, n_new),
-        target=grown(grid.target, n_new),
-        curve=grown(grid.curve, n_new),
-        along=grown(grid.along, n_new),
-        out=grown(out, n_new),
-        faces=grown(grid.faces, 2 * n_new),
-        label=grown(grid.labels, 2 * n_new),
-        twins=grown(twins, 6 * n_new),
-        feature=grown(grid.feature, 6 * n_new),
-        counts=np.array([n_vertices, n_faces], dtype=np.int64),
-        on_curve=on_curve.astype(np.int64),
-    )
-
-
-def _closed(mesh: Mesh) -> _Grid:
-    n_vertices, n_faces = int(mesh.counts[0]), int(mesh.counts[1])
-    kept_faces = np.flatnonzero(mesh.faces[:n_faces, 0] >= 0)
-    kept = np.flatnonzero(mesh.out[:n_vertices] >= 0)
-    index = np.full(n_vertices, -1, dtype=np.int64)
-    index[kept] = np.arange(len(kept))
-    feature = mesh.feature[: 3 * n_faces].reshape(-1, 3)[kept_faces]
-    return _Grid(
-        vertices=mesh.positions[kept],
-        faces=np.ascontiguousarray(index[mesh.faces[kept_faces]]),
-        labels=mesh.label[kept_faces],
-        target=mesh.target[kept],
-        curve=mesh.curve[kept],
-        along=mesh.along[kept],
-        feature=feature.ravel(),
-    )
-
-
-def _ordered_curve(grid: _Grid, index: int, polylines: Curves) -> IntArray:
+def _ordered_curve(grid: Grid, index: int, polylines: Curves) -> IntArray:
     on_curve = np.flatnonzero(grid.curve == index)
     length = polylines.arcs[polylines.start[index + 1] - 1]
     # The vertex nearest to the old start may lie a little before it.

@@ -4,6 +4,7 @@ Half-edge ``h = 3 f + k`` runs from corner k to corner k + 1 of face f. A remove
 first corner set to -1, a removed vertex its `out` entry.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -176,3 +177,60 @@ def turns_little(
     if old < 1e-6 * before:  # a triangle without a direction of its own may turn anywhere
         return True
     return bool(ox * nx + oy * ny + oz * nz > SAME_SIDE * old * new)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """A mesh between two passes: exact-size arrays, nothing removed; fields as in `Mesh`."""
+
+    vertices: FloatArray
+    faces: IntArray
+    labels: IntArray
+    target: FloatArray
+    curve: IntArray
+    along: FloatArray
+    feature: IntArray
+
+
+def opened(grid: Grid, n_new: int, twins: IntArray, n_curves: int) -> Mesh:
+    """Return a mesh that passes can change, with room for new vertices."""
+    n_vertices, n_faces = len(grid.vertices), len(grid.faces)
+    out = np.full(n_vertices, -1, dtype=np.int64)
+    out[grid.faces.ravel()] = np.arange(3 * n_faces)
+    on_curve = np.bincount(grid.curve[grid.curve >= 0], minlength=max(n_curves, 1))
+
+    def grown(array: np.ndarray, extra: int) -> np.ndarray:
+        return np.concatenate([array, np.zeros((extra, *array.shape[1:]), dtype=array.dtype)])
+
+    return Mesh(
+        positions=grown(grid.vertices, n_new),
+        target=grown(grid.target, n_new),
+        curve=grown(grid.curve, n_new),
+        along=grown(grid.along, n_new),
+        out=grown(out, n_new),
+        faces=grown(grid.faces, 2 * n_new),
+        label=grown(grid.labels, 2 * n_new),
+        twins=grown(twins, 6 * n_new),
+        feature=grown(grid.feature, 6 * n_new),
+        counts=np.array([n_vertices, n_faces], dtype=np.int64),
+        on_curve=on_curve.astype(np.int64),
+    )
+
+
+def closed(mesh: Mesh) -> Grid:
+    """Return what is left of a mesh after a pass."""
+    n_vertices, n_faces = int(mesh.counts[0]), int(mesh.counts[1])
+    kept_faces = np.flatnonzero(mesh.faces[:n_faces, 0] >= 0)
+    kept = np.flatnonzero(mesh.out[:n_vertices] >= 0)
+    index = np.full(n_vertices, -1, dtype=np.int64)
+    index[kept] = np.arange(len(kept))
+    feature = mesh.feature[: 3 * n_faces].reshape(-1, 3)[kept_faces]
+    return Grid(
+        vertices=mesh.positions[kept],
+        faces=np.ascontiguousarray(index[mesh.faces[kept_faces]]),
+        labels=mesh.label[kept_faces],
+        target=mesh.target[kept],
+        curve=mesh.curve[kept],
+        along=mesh.along[kept],
+        feature=feature.ravel(),
+    )
