@@ -16,6 +16,18 @@ def stored_ellipsoids(subjects=8, phases=4, seed=3):
     return StoredModel(model, project(model, shapes.aligned), shapes.ids, shapes.template)
 
 
+def stored_lopsided():
+    """Return the same with two bumps each, which no turn carries to their mirror image."""
+    shapes = population(8, 4, np.random.default_rng(3), two_part_template(rows=15, columns=24))
+    points = shapes.aligned
+    directions = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    for place, size in (((0.8, 0.5, 0.33), 0.5), ((-0.5, 0.8, -0.3), 0.35)):
+        along = directions @ np.array(place) / np.linalg.norm(place)
+        points = points * (1.0 + size * np.exp(4.0 * (along - 1.0)))[..., None]
+    model = fit_model(points, shapes.weights, mesh_of_template(shapes.template))
+    return StoredModel(model, project(model, points), shapes.ids, shapes.template)
+
+
 def drawn_shape(prior: FitPrior, rng: np.random.Generator):
     """Return a shape (P, 3) of the prior, its smooth leftover included."""
     modes = prior.modes @ rng.normal(size=prior.modes.shape[2])

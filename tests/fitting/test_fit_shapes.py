@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from ostiform.errors import InputError
@@ -20,7 +21,7 @@ from ostiform.fitting import (
 )
 from ostiform.model import ModelMesh, StoredModel, fit_model, mesh_of_template, posterior, truncated
 from ostiform.surface import boundary_loops, face_areas, read_mesh
-from tests.fitting.fitting_cases import drawn_pose, drawn_shape, rms, surface_of
+from tests.fitting.fitting_cases import drawn_pose, drawn_shape, rms, stored_lopsided, surface_of
 
 KNOWN = FitSettings(pose="known")
 
@@ -113,6 +114,37 @@ def test_size_belongs_to_the_pose_where_asked(prior, rng):
     rigid = fit_shape(prior, [surface_of(prior, truth)])
     np.testing.assert_allclose(rigid.pose.scale, 1.0)
     assert rigid.typicality.mahalanobis > fit.typicality.mahalanobis
+
+
+@pytest.fixture(scope="module")
+def lopsided():
+    return fit_prior(stored_lopsided())
+
+
+def test_any_rotation_is_tried_where_the_near_pose_fails(lopsided, rng):
+    truth = drawn_shape(lopsided, rng)
+    turn = Rotation.from_rotvec([0.0, np.pi, 0.0]).as_matrix()
+    fit = fit_shape(lopsided, [surface_of(lopsided, truth @ turn.T)])
+    assert true_distance(lopsided, fit.points @ turn, truth) < 0.2
+    assert "turned further than expected" in fit.notes[0]
+    assert set(fit.openings.values()) == {"LV.aortic", "LA.vein"}
+    assert fit_shape(lopsided, [surface_of(lopsided, truth)]).notes == ()
+
+
+def test_a_mirrored_target_is_told(lopsided, rng):
+    truth = drawn_shape(lopsided, rng)
+    faces = lopsided.model.mesh.faces[:, ::-1]
+    fit = fit_shape(lopsided, [SurfaceTarget(truth * [-1.0, 1.0, 1.0], faces, {})])
+    assert "fits far better as its mirror image (0." in fit.notes[-1]
+
+
+def test_an_opening_that_was_cut_too_short_is_told(prior, rng):
+    truth, mesh = drawn_shape(prior, rng), prior.model.mesh
+    vein = truth[mesh.loops["LA.vein"]]
+    far = np.linalg.norm(truth - vein.mean(axis=0), axis=1)
+    kept = mesh.faces[(far[mesh.faces] > np.ptp(vein, axis=0).max() / 2.0 + 4.0).all(axis=1)]
+    fit = fit_shape(prior, [surface_of(prior, truth, kept)])
+    assert "LA.vein" in {**fit.openings}.values() or "mm from LA.vein" in fit.notes[0]
 
 
 def test_cut_edges_do_not_attract(prior, rng):

@@ -130,6 +130,7 @@ def _summary(facts: dict[str, Any], output: Path) -> str:
     )
     for loop, name in facts["openings_matched"].items():
         lines.append(f"{loop}: taken for {name}")
+    lines += facts["notes"]
     lines.append(
         f"Mahalanobis distance {typical['mahalanobis']:.2f} with {typical['dof']:.1f} degrees of "
         f"freedom: beyond {100 * typical['percentile']:.0f} % of the population; beyond the modes "

@@ -15,12 +15,12 @@ from ostiform.fitting.observations import model_surface, observations
 from ostiform.fitting.posterior import posterior_of
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.residues import measured_residues
-from ostiform.fitting.rim_kinds import with_openings_matched
+from ostiform.fitting.rim_kinds import openings_left, with_openings_matched
 from ostiform.fitting.settings import FitSettings
 from ostiform.fitting.solver import Rules, Solution, solve
 from ostiform.fitting.starts import starting_poses
 from ostiform.fitting.target_size import check_landmarks, checked_size
-from ostiform.fitting.types import FitStatus, ShapeFit, Target
+from ostiform.fitting.types import FitStatus, ShapeFit, Target, reflected_target
 from ostiform.fitting.typical import typicality
 
 COARSE = Rules(use_field=False, gated=False, stride=8, most_iterations=5)
@@ -29,6 +29,12 @@ FINE = Rules(use_field=True, gated=True, stride=1, most_iterations=12)
 COARSE_SAMPLES = 300
 FINALISTS = 2
 """Poses that are fitted for longer before one is chosen."""
+
+CLEARLY_NEARER = 0.75
+"""Another pose or the mirror image must be nearer by this factor to be preferred or told."""
+
+FAR = 0.4
+"""Share of the expected distance beyond which another pose is tried: the field leaves less."""
 
 SURFACE_EDGES, SAMPLED_EDGES = 0.25, 1.0
 """Share of the model's edge that data are expected to lie off its surface: for surfaces little,
@@ -44,7 +50,8 @@ def fit_shape(
     estimated for each kind of data, the modes with their variances, and the leftover field, which
     stands for what new shapes have and the training shapes had not. Poses from several starts
     (`starting_poses`) are fitted with the modes alone and compared by their posterior density; the
-    best is fitted in full. Deterministic.
+    best is fitted in full. Where no opening comes to its own or the result is an outlier, any
+    rotation is tried, and whether the mirror image fits better is told. Deterministic.
 
     Parameters
     ----------
@@ -68,6 +75,43 @@ def fit_shape(
     data = prepared_data(prior, targets)
     ratio = checked_size(prior.model.mean, targets)
     check_landmarks(prior.mean, data.labelled)
+    fit = _fitted(prior, data, ratio, chosen)
+    if chosen.pose == "near" and _is_doubtful(prior, data, fit):
+        turned = _fitted(prior, data, ratio, replace(chosen, pose="unknown"))
+        if turned.residues.median < CLEARLY_NEARER * fit.residues.median:
+            note = "turned further than expected: fitted again with an unknown pose"
+            fit = replace(turned, notes=(note, *turned.notes))
+    if chosen.scaling == "rigid" and not data.is_labelled_only and _is_doubtful(prior, data, fit):
+        reflected = [reflected_target(target) for target in targets]
+        other = _fitted(
+            prior, prepared_data(prior, reflected), ratio, replace(chosen, pose="unknown")
+        )
+        if other.residues.median < CLEARLY_NEARER * fit.residues.median:
+            note = (
+                f"fits far better as its mirror image ({other.residues.median:.2f} mm instead of "
+                f"{fit.residues.median:.2f}): check the side, the orientation and the frame of the "
+                "data"
+            )
+            fit = replace(fit, notes=(*fit.notes, note))
+    return fit
+
+
+def _is_doubtful(prior: FitPrior, data: Data, fit: ShapeFit) -> bool:
+    """Return whether a fit may be in a wrong pose: far off, or no opening came to its own."""
+    is_far = fit.typicality.is_outlier or fit.residues.median > FAR * _expected(prior, data)
+    loops = sum(len(surface.patch.loops) for surface in data.surfaces)
+    named = sum(len(surface.rims) for surface in data.surfaces)
+    has_openings = bool(loops) and not named
+    return is_far or (has_openings and not fit.openings)
+
+
+def _expected(prior: FitPrior, data: Data) -> float:
+    """Return how far data are expected to lie off a fitted surface, mm."""
+    share = SURFACE_EDGES if data.surfaces else SAMPLED_EDGES
+    return float(np.hypot(prior.deviation, share * prior.edge))
+
+
+def _fitted(prior: FitPrior, data: Data, ratio: float, chosen: FitSettings) -> ShapeFit:
     poses = starting_poses(prior, data, chosen, ratio)
     coarse = sparser(data, COARSE_SAMPLES)
     runs = [solve(prior, coarse, State(pose, np.zeros(0)), chosen, COARSE) for pose in poses]
@@ -79,12 +123,16 @@ def fit_shape(
     middle = solve(prior, sparser(data, 2 * COARSE_SAMPLES), best.state, chosen, MIDDLE)
     data, openings = with_openings_matched(prior, data, placed_points(prior, middle.state))
     final = solve(prior, data, middle.state, chosen, FINE)
+    # Rims that were out of reach of the modes alone may have come within it.
+    data, later = with_openings_matched(prior, data, placed_points(prior, final.state))
+    if later:
+        openings = {**openings, **later}
+        final = solve(prior, data, final.state, chosen, FINE)
+    left = openings_left(prior, data, placed_points(prior, final.state))
     posterior = posterior_of(prior, data, final, chosen)
     points = placed_points(prior, final.state)[: len(prior.model.mean)]
     normals, residue, residues = measured_residues(prior, data, points)
     used = _kinds(data)
-    shape_of_mesh = SURFACE_EDGES if data.surfaces else SAMPLED_EDGES
-    expected = float(np.hypot(prior.deviation, shape_of_mesh * prior.edge))
     covariance = posterior.point_covariance
     return ShapeFit(
         points=points,
@@ -108,10 +156,11 @@ def fit_shape(
             final.state.coefficients,
             posterior.prior_covariance,
             posterior.energy,
-            residues.median / expected,
+            residues.median / _expected(prior, data),
         ),
         status=FitStatus.CONVERGED if final.has_settled else FitStatus.ITERATION_LIMIT,
         iterations=final.iterations,
+        notes=left,
     )
 
 

@@ -60,13 +60,38 @@ def with_openings_matched(
     return replace(data, surfaces=tuple(surfaces)), matched
 
 
-def _matched(
-    prior: FitPrior,
-    data: Data,
-    surface: PreparedSurface,
-    points: FloatArray,
-    taken: set[str],
-) -> dict[int, str]:
+def openings_left(prior: FitPrior, data: Data, points: FloatArray) -> tuple[str, ...]:
+    """Return which openings of a fitted model are near a loop that was taken for a cut.
+
+    Parameters
+    ----------
+    prior : FitPrior
+    data : Data
+    points : (Q, 3) float64, mm
+    """
+    taken = {name for surface in data.surfaces for name in surface.rims}
+    notes = []
+    for number, surface in enumerate(data.surfaces, start=1):
+        free, names, cost = _distances(prior, surface, points, taken)
+        for row, column in zip(*linear_sum_assignment(cost), strict=True):
+            if cost[row, column] <= BEYOND * prior.size:
+                notes.append(
+                    f"surface {number}, loop {free[row] + 1}: taken for a cut, though "
+                    f"{cost[row, column]:.1f} mm from {names[column]} is nearest to no other; name "
+                    "it with --openings if it is that opening"
+                )
+        if free and names and not surface.rims:
+            notes.append(
+                f"surface {number}: none of its {len(free)} openings came near one of the model's "
+                f"{len(names)}: check its pose (--pose unknown tries every rotation)"
+            )
+    return tuple(notes)
+
+
+def _distances(
+    prior: FitPrior, surface: PreparedSurface, points: FloatArray, taken: set[str]
+) -> tuple[list[int], list[str], FloatArray]:
+    """Return loops and openings that are still free, and how far they are apart, mm."""
     vertices = surface.tree.vertices
     known = {rim.tobytes() for rim in surface.rims.values()}
     free = [
@@ -75,27 +100,34 @@ def _matched(
         if len(loop) >= FEWEST
         and not any(set(map(bytes, vertices[loop])) == _rows(rim) for rim in known)
     ]
+    rims = prior.model.mesh.loops
     names = []
-    seen: list[frozenset[int]] = []
-    for name, rim in prior.model.mesh.loops.items():
+    seen = [frozenset(rims[name].tolist()) for name in surface.rims if name in rims]
+    for name, rim in rims.items():
         own = frozenset(rim.tolist())
         is_of_part = surface.part is None or name.startswith(f"{surface.part}.")
         if is_of_part and name not in taken and own not in seen:
             names.append(name)
             seen.append(own)
-    if not free or not names:
-        return {}
     cost = np.array(
         [
-            [
-                curve_distance(
-                    vertices[surface.patch.loops[k]], points[prior.model.mesh.loops[name]]
-                )
-                for name in names
-            ]
+            [curve_distance(vertices[surface.patch.loops[k]], points[rims[name]]) for name in names]
             for k in free
         ]
-    )
+    ).reshape(len(free), len(names))
+    return free, names, cost
+
+
+def _matched(
+    prior: FitPrior,
+    data: Data,
+    surface: PreparedSurface,
+    points: FloatArray,
+    taken: set[str],
+) -> dict[int, str]:
+    free, names, cost = _distances(prior, surface, points, taken)
+    if not free or not names:
+        return {}
     reach = np.array([_reach(prior, name) for name in names])
     beyond = _beyond_rims(prior, surface, data.patches[surface.part], points, free, names)
     reach = np.maximum(reach, np.where(beyond > BEYOND_SHARE, BEYOND * prior.size, 0.0))

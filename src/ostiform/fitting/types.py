@@ -1,7 +1,7 @@
 """What is fitted to, how, and what a fit returns."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Annotated, TypeAlias
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
+from ostiform.study import MIRROR
 from ostiform.surface import SurfaceDistance
 from ostiform.values import Axes, IndexOf, value
 
@@ -218,6 +219,8 @@ class ShapeFit:
     typicality : Typicality
     status : FitStatus
     iterations : int
+    notes : tuple of str
+        What is worth saying about the pose and the openings, one sentence each.
     """
 
     points: Annotated[FloatArray, Axes("P", 3)]
@@ -237,6 +240,18 @@ class ShapeFit:
     typicality: Typicality
     status: FitStatus
     iterations: int
+    notes: tuple[str, ...] = ()
+
+
+def reflected_target(target: Target) -> Target:
+    """Return the mirror image of a target, left for right, faces as before."""
+    if isinstance(target, SurfaceTarget):
+        return replace(target, vertices=target.vertices * MIRROR, faces=target.faces[:, ::-1])
+    if isinstance(target, CloudTarget):
+        return replace(target, points=target.points * MIRROR)
+    if isinstance(target, ContourTarget):
+        return replace(target, curves=tuple(curve * MIRROR for curve in target.curves))
+    return replace(target, positions=target.positions * MIRROR)
 
 
 def all_positions(targets: Sequence[Target]) -> FloatArray:

@@ -41,6 +41,7 @@ def fit_facts(prior: FitPrior, fit: ShapeFit) -> dict[str, Any]:
         "noise_mm": dict(fit.noise_mm),
         "outlier_share": fit.outlier_share,
         "openings_matched": dict(fit.openings),
+        "notes": list(fit.notes),
         "typicality": {
             **asdict(fit.typicality),
             "reasons": list(fit.typicality.reasons),
