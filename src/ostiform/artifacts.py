@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ostiform import __version__
 from ostiform.codecs import codec, kind_name, number
 from ostiform.errors import ArtifactError
 
@@ -41,13 +40,7 @@ def save(path: Path, value: Any, kind: Any = None) -> None:
     """
     kind = type(value) if kind is None else kind
     if path.suffix == ".json":
-        facts = {
-            "kind": kind_name(kind),
-            "layout": LAYOUT,
-            "units": "mm",
-            "package_version": __version__,
-            "value": to_json(value, kind),
-        }
+        facts = {"kind": kind_name(kind), "layout": LAYOUT, "value": to_json(value, kind)}
         lines = json.dumps(facts, indent=1, ensure_ascii=False, allow_nan=False)
         path.write_text(lines + "\n", encoding="utf-8")
         return

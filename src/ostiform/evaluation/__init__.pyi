@@ -25,6 +25,9 @@ from .dynamics import LEVELS as LEVELS
 from .dynamics import LevelResidues as LevelResidues
 from .dynamics import level_residues as level_residues
 from .evaluate import evaluate_model as evaluate_model
+from .files import comparison_facts as comparison_facts
+from .files import evaluation_facts as evaluation_facts
+from .files import evaluation_from_facts as evaluation_from_facts
 from .files import read_evaluation as read_evaluation
 from .files import write_comparisons as write_comparisons
 from .files import write_evaluation as write_evaluation

@@ -1,7 +1,8 @@
 """The evidence about one model, gathered."""
 
-from typing import Annotated
+from dataclasses import dataclass
 
+from ostiform.errors import InputError
 from ostiform.evaluation.classical import ClassicalMeasures
 from ostiform.evaluation.compactness import Compactness
 from ostiform.evaluation.coverage import Coverage
@@ -11,10 +12,9 @@ from ostiform.evaluation.specificity_to_surface import SurfaceSpecificity
 from ostiform.evaluation.truth import TruthDistance
 from ostiform.evaluation.variance import PopulationSpread
 from ostiform.study import ShapeId
-from ostiform.values import Axes, value
 
 
-@value
+@dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
     """How good one model of a population is.
 
@@ -37,7 +37,7 @@ class Evaluation:
     truth : TruthDistance or None
         None where the true correspondence is not known.
     spread : PopulationSpread or None
-        None where it was not measured.
+        None in evaluations of earlier versions.
     surface_specificity : SurfaceSpecificity or None
         None where the original surfaces are not known.
     classical : ClassicalMeasures or None
@@ -45,14 +45,26 @@ class Evaluation:
     """
 
     kind: str
-    ids: Annotated[tuple[ShapeId, ...], Axes("N")]
+    ids: tuple[ShapeId, ...]
     compactness: Compactness
     description_length: float
     l_cut: float
     specificity: Specificity
-    coverage: Annotated[tuple[Coverage, ...], Axes("N")]
-    generalisation: Annotated[Generalisation, Axes("N")] | None
+    coverage: tuple[Coverage, ...]
+    generalisation: Generalisation | None
     truth: TruthDistance | None
     spread: PopulationSpread | None = None
     surface_specificity: SurfaceSpecificity | None = None
     classical: ClassicalMeasures | None = None
+
+    def __post_init__(self) -> None:
+        """Check that everything is about the same shapes."""
+        counts = {"coverage": len(self.coverage)}
+        if self.generalisation is not None:
+            counts["generalisation"] = len(self.generalisation.point)
+        for name, count in counts.items():
+            if count != len(self.ids):
+                raise InputError(
+                    f"evaluation of the {self.kind} model: expected {name} of {len(self.ids)} "
+                    f"shapes, found {count}"
+                )

@@ -22,7 +22,7 @@ VERSIONS = {
     "dynamics": 1,
     "covariates": 1,
     "fold": 2,
-    "evaluation": 3,
+    "evaluation": 2,
     "animations": 1,
     "report": 2,
     "run": 1,
