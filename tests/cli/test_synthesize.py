@@ -127,7 +127,7 @@ def test_every_format_holds_the_same_shape(synthesize, stored):
         (["--scores", "1,x"], '--scores: expected numbers separated by commas, found "1,x"'),
         (["--scores", ",".join(["1"] * 40)], "found 40"),
         (["--cycle", "nobody"], "found nobody"),
-        (["--samples", "-1"], "found -1 and 0"),
+        (["--samples", "-1"], "samples: expected at least 0, found -1"),
         (["--cycle", "mean", "--times", "1"], "at least 2, found 1"),
     ],
 )

@@ -6,6 +6,7 @@ import pytest
 from ostiform.model import StoredModel, fit_model, mesh_of_template, project
 from ostiform.report.effects import effect_figure, effect_page, null_figure
 from ostiform.report.html import render_page
+from ostiform.report.shading import ALL_ROUND
 from ostiform.statistics import EffectSettings, covariate_of, shape_effect, subject_shapes
 from tests.populations import population
 
@@ -25,7 +26,7 @@ def found():
 def test_a_figure_has_three_maps_from_four_sides_and_their_scales(found):
     figure = effect_figure(*found)
     titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
-    assert titles == ["front", "side", "back", "other side"]
+    assert titles == [view.name for view in ALL_ROUND]
     assert len(figure.axes) == 3 * (4 + 1)
 
 
