@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,6 +23,10 @@ LARGEST_CHUNK = 16
 
 CHUNKS_PER_WORKER = 3
 """At least so many, where there are few shapes: workers then end at about the same time."""
+
+
+MOST_OPEN = 128
+"""Shapes that a process keeps open: their arrays are mapped from their files."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,4 +139,12 @@ def _chunk(
 
 
 def _opened(stored: StoredShape, domain: BaseDomain) -> ShapeSampler:
-    return replace(sampler(load_mapped(stored.path, Embeddings), domain), marks=stored.marks)
+    found = stored.path.stat() if stored.path.is_file() else None
+    stamp = None if found is None else (found.st_ino, found.st_size, found.st_mtime_ns)
+    return replace(sampler(_embeddings(stored.path, stamp), domain), marks=stored.marks)
+
+
+@lru_cache(maxsize=MOST_OPEN)
+def _embeddings(path: Path, stamp: tuple[int, int, int] | None) -> Embeddings:
+    """Return the embeddings of a file as it is now; a sweep opens every shape some 60 times."""
+    return load_mapped(path, Embeddings)
