@@ -38,6 +38,17 @@ def test_check_is_content_with_mended_shapes(tmp_path, capsys):
     assert "4 of 4 shapes can be used" in printed
 
 
+def test_check_says_the_same_of_several_shapes_once(tmp_path, capsys):
+    vertices, faces = sound()
+    for name, scale in zip("abcde", (0.98, 0.99, 1.0, 1.01, 1.03), strict=True):
+        write_surface(tmp_path / f"{name}.vtp", scale * vertices, faces[:, ::-1])
+    init(tmp_path)
+    capsys.readouterr()
+    assert check(tmp_path / "study.toml", common=Common(workers=1)) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if "inside-out" in line]
+    assert " and 2 more: " in line
+
+
 def test_init_writes_a_study_that_check_accepts_and_overwrites_nothing(tmp_path, capsys):
     vertices, faces = sound()
     for name, scale in (("a", 0.98), ("b", 1.0), ("c", 1.03)):

@@ -183,7 +183,7 @@ def test_volumes_are_told_as_curves_or_as_a_table(stored):
     own = ClinicalTable(stored.ids[::-1], whole.columns[:1], 1.25 * whole.values[::-1, :1])
     told = volumes_section(whole, own).tables[1].rows
     assert [row[0] for row in told] == [whole.columns[0]]
-    assert told[0][3:] == ("-20.0", "-20.0")
+    assert told[0][3:] == ("\N{MINUS SIGN}20.0", "\N{MINUS SIGN}20.0")
     few = [0, 4, 8]  # one phase of every subject
     ids = tuple(stored.ids[i] for i in few)
     table = volumes_section(ClinicalTable(ids, whole.columns, whole.values[few]))

@@ -16,6 +16,9 @@ from ostiform.errors import InputError
 FILE_WIDTH = 160
 """Columns of the table in a pipe or a log."""
 
+MOST_NAMED = 3
+"""Shapes of which the same is said, by name."""
+
 
 def check(study: StudyPath, *, common: Common = DEFAULTS) -> int:
     """Read every shape and say whether it can be used; the exit code is 0 only if all can."""
@@ -59,11 +62,13 @@ def _print_table(checks: list[pipeline.ShapeCheck]) -> None:
     if not console.is_terminal:
         console = Console(width=FILE_WIDTH)
     console.print(table)
+    told: dict[str, list[str]] = {}
     for check in checks:
         for repair in check.repairs:
-            console.print(f"{check.id}: {repair}", markup=False, highlight=False, soft_wrap=True)
-        if check.problem is not None:
-            console.print(check.problem, markup=False, highlight=False, soft_wrap=True)
+            told.setdefault(repair, []).append(str(check.id))
+    lines = [f"{_listed(shapes)}: {repair}" for repair, shapes in told.items()]
+    for line in (*lines, *(check.problem for check in checks if check.problem is not None)):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     arrays = ", ".join(dict.fromkeys(name for check in checks for name in check.arrays))
     if arrays:
         text = f"arrays on the surfaces that no table of [fields] names: {arrays}"
@@ -71,3 +76,8 @@ def _print_table(checks: list[pipeline.ShapeCheck]) -> None:
     looked_at = [check for check in checks if not check.is_excluded]
     usable = sum(check.problem is None for check in looked_at)
     console.print(f"{usable} of {len(looked_at)} shapes can be used")
+
+
+def _listed(shapes: list[str]) -> str:
+    more = len(shapes) - MOST_NAMED
+    return ", ".join(shapes[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -106,7 +106,10 @@ def _sampling_table(table: ClinicalTable, surfaces: ClinicalTable) -> Table:
             change = 100.0 * (sampled / own - 1.0)
             furthest = change[np.abs(change).argmax()]
             cells = (f"{value:z.1f}" for value in (sampled.mean(), own.mean()))
-            lines.append((column, *cells, f"{change.mean():+z.1f}", f"{furthest:+z.1f}"))
+            changes = (
+                f"{c:+z.1f}".replace("-", "\N{MINUS SIGN}") for c in (change.mean(), furthest)
+            )
+            lines.append((column, *cells, *changes))
     return Table(
         "Sizes as sampled by the model against those of the meshes as read (surfaces.csv)",
         ("size", "sampled, mean", "mesh, mean", "difference, mean (%)", "furthest (%)"),
