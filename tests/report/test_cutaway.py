@@ -39,7 +39,7 @@ def test_a_part_round_another_is_found_and_only_it():
 @pytest.mark.parametrize("view", ALL_ROUND)
 def test_the_half_before_the_inner_part_is_not_drawn(view):
     model = shells(np.zeros(3))
-    drawn = drawn_faces(model, view)
+    (drawn,) = drawn_faces(model, (view,))
     nearness = view.seen(model.mean)[model.mesh.faces].mean(axis=1)[:, 2]
     outer = model.mesh.face_part == 0
     np.testing.assert_array_equal(drawn[outer], nearness[outer] < 0.0)

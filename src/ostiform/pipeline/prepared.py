@@ -53,8 +53,10 @@ def prepared_shape(shape: Shape, finest: int | None) -> PreparedShape:
     components = [component for component, _ in cleaned]
     repairs = [repair for _, repairs in cleaned for repair in repairs]
     for place, component in enumerate(components):
-        if finest is not None and len(component.vertices) > finest * len(component.parts):
-            coarse, distance = coarsened(component, finest * len(component.parts))
+        if finest is None:
+            continue
+        coarse, distance = coarsened(component, finest * len(component.parts))
+        if coarse is not component:
             components[place] = coarse
             repairs.append(
                 f"{component.name} meshed anew for its map, {len(component.vertices):,} -> "

@@ -158,7 +158,7 @@ def animation_of(
         )
     extents = extents_of(VIEWS, list(shapes))
     colours = part_colours(model.mesh.face_part)
-    shown = [drawn_faces(model, view) for view in VIEWS]
+    shown = drawn_faces(model, VIEWS)
     aspect = (extents[0, 1] - extents[0, 0]) / (extents[0, 3] - extents[0, 2])
     size = (2 * max(1, round(HEIGHT * aspect / 2.0)), HEIGHT)
     font = _font()

@@ -1,5 +1,7 @@
 """Parts that lie round others (an epicardium round its ventricles) are drawn cut open."""
 
+from collections.abc import Sequence
+
 import igl
 import numpy as np
 
@@ -39,15 +41,18 @@ def _lies_in(model: ShapeModel, inner: int, outer: int) -> bool:
     return bool(inside.mean() > INSIDE_SHARE)
 
 
-def drawn_faces(model: ShapeModel, view: View) -> BoolArray:
-    """Return which triangles (F,) of a model a picture shows.
+def drawn_faces(model: ShapeModel, views: Sequence[View]) -> list[BoolArray]:
+    """Return which triangles (F,) of a model are drawn in each of several views.
 
     All, but for the half of a part round others that lies before the middle of these.
     """
-    mesh = model.mesh
-    drawn = np.ones(len(mesh.faces), dtype=np.bool_)
-    nearness: FloatArray = view.seen(model.mean)[:, 2]
-    for outer, inner in enclosed_parts(model).items():
-        middle = nearness[np.isin(mesh.part, inner)].mean()
-        drawn &= (mesh.face_part != outer) | (nearness[mesh.faces].mean(axis=1) < middle)
-    return drawn
+    mesh, enclosed = model.mesh, enclosed_parts(model)
+    shown = []
+    for view in views:
+        drawn = np.ones(len(mesh.faces), dtype=np.bool_)
+        nearness: FloatArray = view.seen(model.mean)[:, 2]
+        for outer, inner in enclosed.items():
+            middle = nearness[np.isin(mesh.part, inner)].mean()
+            drawn &= (mesh.face_part != outer) | (nearness[mesh.faces].mean(axis=1) < middle)
+        shown.append(drawn)
+    return shown

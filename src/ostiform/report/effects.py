@@ -82,6 +82,7 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect | FieldEffect, column: 
     extents = extents_of(ALL_ROUND, [surface])
     height = PANEL_MM * float((extents[0, 3] - extents[0, 2]) / (extents[0, 1] - extents[0, 0]))
     size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
+    shown = drawn_faces(model, ALL_ROUND)
     wide, high = PANEL_MM * len(ALL_ROUND) + LABEL_MM, height * len(rows) + TITLE_MM
     with styled():
         drawing = plain_figure(wide, high)
@@ -91,7 +92,7 @@ def effect_figure(model: ShapeModel, effect: ShapeEffect | FieldEffect, column: 
             for column, (view, extent) in enumerate(zip(ALL_ROUND, extents, strict=True)):
                 box = (column * PANEL_MM / wide, bottom / high, PANEL_MM / wide, height / high)
                 axes = drawing.add_axes(box)
-                drawn = drawn_faces(model, view)
+                drawn = shown[column]
                 picture = shaded_surface(
                     view, surface, model.mesh.faces[drawn], colours[drawn], extent, size
                 )

@@ -50,6 +50,7 @@ def modes_figure(
         In standard deviations.
     """
     colours = part_colours(model.mesh.face_part)
+    shown = drawn_faces(model, VIEWS)
     scale = float(np.sqrt(model.variances[mode]))
     shapes = [model.mean + sd * scale * model.modes[mode] for sd in deviations]
     extents = extents_of(VIEWS, shapes)
@@ -75,7 +76,7 @@ def modes_figure(
             )
         size = (round(PANEL_MM / 25.4 * PRINT_DPI), round(height / 25.4 * PRINT_DPI))
         for row, view in enumerate(VIEWS):
-            drawn = drawn_faces(model, view)
+            drawn = shown[row]
             faces = model.mesh.faces[drawn]
             for column, (sd, points) in enumerate(zip(deviations, shapes, strict=True)):
                 axes = grid[row][column]

@@ -85,7 +85,7 @@ def points_figure(model: ShapeModel, columns: Sequence[PointColumn]) -> Figure:
     extents = extents_of(VIEWS, [model.mean])
     height = _height(extents[0])
     loops = [model.mean[loop] for loop in model.mesh.loops.values()]
-    shown = [drawn_faces(model, view) for view in VIEWS]
+    shown = drawn_faces(model, VIEWS)
     with styled():
         drawing = plain_figure(
             len(columns) * (PANEL_MM + GAP_MM), 2 * (height + GAP_MM) + TITLE_MM + BAR_MM
@@ -142,7 +142,7 @@ def shapes_figure(
     bottom = 0.0 if errors is None else BAR_MM
     parts = part_colours(model.mesh.face_part)
     names = _names_height(titles)
-    drawn = drawn_faces(model, FRONT)
+    (drawn,) = drawn_faces(model, (FRONT,))
     faces = model.mesh.faces[drawn]
     with styled():
         drawing = plain_figure(
