@@ -8,3 +8,4 @@ from .truth import Truth as Truth
 from .truth import material_coordinates as material_coordinates
 from .truth import read_truth as read_truth
 from .truth import true_positions as true_positions
+from .vessel_ends import RandomEnds as RandomEnds

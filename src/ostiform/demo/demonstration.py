@@ -14,6 +14,7 @@ from ostiform.demo.deformation import Deformation
 from ostiform.demo.implicit import Anatomy
 from ostiform.demo.leftheart import left_heart, random_heart_subject
 from ostiform.demo.truth import Truth, write_truth
+from ostiform.demo.vessel_ends import RandomEnds
 from ostiform.errors import InputError
 from ostiform.study import ShapeId
 from ostiform.surface import write_surface
@@ -89,7 +90,11 @@ def demonstration_truth(subjects: int = 4, shapes: int = 34, seed: int = 2004) -
 
 
 def write_population(
-    folder: Path, truth: Truth, edge_mm: float, mapped: Callable[..., Iterable[Any]] = map
+    folder: Path,
+    truth: Truth,
+    edge_mm: float,
+    mapped: Callable[..., Iterable[Any]] = map,
+    ends: RandomEnds | None = None,
 ) -> Path:
     """Mesh every shape of a truth and write it as a study with its truth beside.
 
@@ -104,6 +109,9 @@ def write_population(
     mapped : callable
         Used as ``map``, in order: pass an executor's ``map`` to mesh shapes in parallel, which
         writes the same files.
+    ends : RandomEnds, optional
+        Vessels that are cut at random; the study says that they are, and the truth is that of the
+        whole vessels.
 
     Returns
     -------
@@ -112,7 +120,7 @@ def write_population(
     """
     folder = Path(folder)
     task = partial(
-        _write_shape, folder, truth.anatomy, canonical_points(truth.anatomy, edge_mm), edge_mm
+        _write_shape, folder, truth.anatomy, canonical_points(truth.anatomy, edge_mm), edge_mm, ends
     )
     children = np.random.SeedSequence([truth.seed, 1]).spawn(len(truth.deformations))
     ids = list(truth.deformations)
@@ -129,7 +137,7 @@ def write_population(
     write_truth(truth, folder / "truth" / "truth.json")
     study = folder / "study.toml"
     with atomically(study) as partial_file:
-        partial_file.write_text(_study_text(truth.anatomy, rims), encoding="utf-8")
+        partial_file.write_text(_study_text(truth.anatomy, rims, ends), encoding="utf-8")
     return study
 
 
@@ -142,12 +150,16 @@ def _write_shape(
     anatomy: Anatomy,
     canonical: FloatArray,
     edge_mm: float,
+    ends: RandomEnds | None,
     shape_id: ShapeId,
     deformation: Deformation,
     seed: np.random.SeedSequence,
 ) -> dict[str, FloatArray]:
     # Writes the parts of one shape and returns the centroids of their rims by full name.
-    parts = extract(anatomy, deformation, edge_mm, np.random.default_rng(seed), canonical)
+    rng = np.random.default_rng(seed)
+    if ends is not None:
+        anatomy = ends.cut(anatomy, deformation, rng)
+    parts = extract(anatomy, deformation, edge_mm, rng, canonical)
     centroids = {}
     for part, surface in parts.items():
         write_surface(folder / _file_name(shape_id, part), surface.vertices, surface.faces)
@@ -156,14 +168,20 @@ def _write_shape(
     return centroids
 
 
-def _study_text(anatomy: Anatomy, rims: Mapping[str, list[FloatArray]]) -> str:
+def _study_text(
+    anatomy: Anatomy, rims: Mapping[str, list[FloatArray]], ends: RandomEnds | None
+) -> str:
     lines = ["schema = 1", 'units = "mm"', 'frame = "LPS"']
     seams = [cut for cut in anatomy.cuts if cut.second is not None]
     if seams:
         lines.append(f'pole = "{seams[0].first}"')
+    shortened = set() if ends is None else set(ends.lengths)
     for part in anatomy.seeds:
         ostia = ", ".join(f'"{name}"' for name, _, _ in anatomy.part_cuts(part))
         lines += ["", f"[parts.{part}]", f"ostia = [{ostia}]"]
+        cut = [f'"{o}"' for o, _, _ in anatomy.part_cuts(part) if f"{part}.{o}" in shortened]
+        if cut:
+            lines.append(f"cuts = [{', '.join(cut)}]")
     for seam in seams:
         lines += ["", "[[seams]]", f'first = "{seam.first}"', f'second = "{seam.second}"']
     lines += ["", "[shapes]", 'sheet = "shapes.csv"', "", "[ostia.points]"]

@@ -12,6 +12,7 @@ from ostiform.pipeline.prepare import prepared_shapes, shape_poses
 from ostiform.pipeline.prepared import read_prepared, shape_artifact
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store
+from ostiform.pipeline.tube_ends import tube_ends
 from ostiform.study import (
     MIRRORED,
     ShapeEntry,
@@ -99,7 +100,7 @@ def check_study(
     with TemporaryDirectory() as folder, Workers(workers) as pool:
         run = Run(replace(study, settings=settings), Store(Path(folder)), pool, watch)
         named = name_shapes(run, ingest_shapes(run))
-        usable, failures = prepared_shapes(run, named)
+        usable, failures = prepared_shapes(run, named, tube_ends(run, named))
         problems = {failure.id: failure.reason for failure in (*named.failures, *failures)}
         names = {ready.id: ready.name for ready, _ in usable}
         poses = shape_poses(run, [ready for ready, _ in usable]) if usable else ()

@@ -20,6 +20,7 @@ from ostiform.pipeline.prepare import prepared_shapes, read_poses
 from ostiform.pipeline.prepared import PreparedShape, read_prepared, read_shape, shape_artifact
 from ostiform.pipeline.run import Run
 from ostiform.pipeline.store import Store, slug
+from ostiform.pipeline.tube_ends import known_tube_ends
 from ostiform.study import ShapeEntry, Study
 
 
@@ -133,7 +134,8 @@ def read_named(
     new = replace(study, settings=settings, entries=tuple(entries))
     with Workers(1) as pool:
         run = Run(new, store, pool, lambda event: None)
-        found, _ = prepared_shapes(run, name_shapes(run, ingest_shapes(run), known))
+        ends = known_tube_ends(finished.store)
+        found, _ = prepared_shapes(run, name_shapes(run, ingest_shapes(run), known), ends)
     return [read_prepared(store.path(shape_artifact(ready.name))) for ready, _ in found]
 
 

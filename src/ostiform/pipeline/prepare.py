@@ -33,6 +33,7 @@ from ostiform.pipeline.ingest import Named, ingest_shapes, name_shapes, opened_a
 from ostiform.pipeline.prepared import prepared_shape, read_prepared, read_shape, shape_artifact
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes, survivors
 from ostiform.pipeline.store import Store, key_of
+from ostiform.pipeline.tube_ends import TubeEnd, TubeEnds, tube_ends, with_tube_ends
 from ostiform.study import (
     MIRRORED,
     OpenedShape,
@@ -106,7 +107,7 @@ class Prepared:
 def prepare_shapes(run: Run) -> Prepared:
     """Read every shape, bring the population into one pose and lay out its base domain."""
     named = name_shapes(run, ingest_shapes(run))
-    found, failures = prepared_shapes(run, named)
+    found, failures = prepared_shapes(run, named, tube_ends(run, named))
     repairs = {ready.name: repairs for ready, repairs in found if repairs}
     ready = survivors(shape for shape, _ in found)
     settings = run.study.settings
@@ -133,9 +134,16 @@ def prepare_shapes(run: Run) -> Prepared:
 
 
 def prepared_shapes(
-    run: Run, named: Named
+    run: Run, named: Named, ends: TubeEnds
 ) -> tuple[list[tuple[Ready, tuple[str, ...]]], list[Failure]]:
     """Make the surfaces of named shapes fit for maps.
+
+    Parameters
+    ----------
+    run : Run
+    named : Named
+    ends : mapping of str to TubeEnd
+        Where the tubes of the openings that are cuts end, by full name.
 
     Returns
     -------
@@ -144,7 +152,7 @@ def prepared_shapes(
     failures : list of Failure
     """
     tasks = [
-        _PrepareTask(run.store, run.study.settings, shape, named.names[shape.id])
+        _PrepareTask(run.store, run.study.settings, shape, named.names[shape.id], ends)
         for shape in named.ready
     ]
     ids = [shape.id for shape in named.ready]
@@ -169,17 +177,20 @@ class _PrepareTask:
     settings: StudySettings
     shape: Ready
     names: ShapeNames
+    ends: TubeEnds
 
 
 def _prepared(task: _PrepareTask) -> tuple[Ready, tuple[str, ...]]:
     name = task.shape.name
     finest = _finest(task.settings)
-    key = key_of("prepare", task.shape.key, to_json(task.names), finest)
+    ends = to_json(task.ends, dict[str, TubeEnd])
+    key = key_of("prepare", task.shape.key, to_json(task.names), ends, finest)
     artifact = shape_artifact(name)
     prepared = task.store.read_current(artifact, key, read_prepared)
     if prepared is None:
         opened = load_mapped(task.store.path(opened_artifact(name)), OpenedShape)
-        prepared = prepared_shape(named_shape(task.settings, opened, task.names), finest)
+        shape = named_shape(task.settings, opened, task.names)
+        prepared = prepared_shape(with_tube_ends(task.settings, shape, task.ends), finest)
         with task.store.writing(artifact, key) as path:
             save(path, prepared)
     repairs = (*prepared.shape.repairs, *prepared.repairs)

@@ -8,6 +8,7 @@ gets the next number in the same commit, and what it feeds is made again with it
 VERSIONS = {
     "demonstration": 2,
     "ingest": 2,
+    "tube ends": 1,
     "prepare": 2,
     "domain": 2,
     "embedding": 2,

@@ -24,6 +24,7 @@ def contradictions(settings: StudySettings) -> list[str]:
     """Return one clause for every contradiction, with its key."""
     return [
         *_part_problems(settings),
+        *_cut_problems(settings),
         *_seam_problems(settings),
         *_shapes_problems(settings),
         *_cycle_problems(settings),
@@ -53,6 +54,25 @@ def _part_problems(settings: StudySettings) -> list[str]:
         f"parts.{part}.ostia: expected different names, found {name} more than once"
         for part, listed in settings.parts.items()
         for name in sorted({n for n in listed.ostia if listed.ostia.count(n) > 1})
+    ]
+
+
+def _cut_problems(settings: StudySettings) -> list[str]:
+    unknown = [
+        f"parts.{part}.cuts: expected ostia of {part}, found {shown(name)}"
+        for part, listed in settings.parts.items()
+        for name in listed.cuts
+        if name not in listed.ostia
+    ]
+    sewn = {name for seam in settings.seams for name in (seam.first, seam.second)}
+    return [
+        *unknown,
+        *(
+            f"parts.{part}.cuts: expected ostia that are no seams, found {shown(name)}"
+            for part, listed in settings.parts.items()
+            for name in listed.cuts
+            if f"{part}.{name}" in sewn
+        ),
     ]
 
 

@@ -21,9 +21,13 @@ class _Settings(BaseModel):
 
 
 class PartSettings(_Settings):
-    """One part: the names of its openings (none for a closed surface)."""
+    """One part: the names of its openings (none for a closed surface), and which are cuts.
+
+    `cuts` are openings of tubes that end wherever somebody cut them (veins, a vessel's end).
+    """
 
     ostia: tuple[Name, ...] = ()
+    cuts: tuple[Name, ...] = ()
 
 
 class SeamSettings(_Settings):
@@ -284,6 +288,11 @@ class StudySettings(_Settings):
     def ostium_names(self) -> tuple[str, ...]:
         """All ostia by full name, in study order; a seam counts twice."""
         return tuple(f"{part}.{o}" for part, listed in self.parts.items() for o in listed.ostia)
+
+    @property
+    def cut_names(self) -> tuple[str, ...]:
+        """The ostia that are cuts, by full name, in study order."""
+        return tuple(f"{part}.{o}" for part, listed in self.parts.items() for o in listed.cuts)
 
     @property
     def seam_pairs(self) -> tuple[Seam, ...]:

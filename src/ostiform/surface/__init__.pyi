@@ -95,6 +95,12 @@ from .topology import non_manifold_vertices as non_manifold_vertices
 from .topology import oriented_outward as oriented_outward
 from .topology import unique_edges as unique_edges
 from .topology import without_unreferenced as without_unreferenced
+from .tube_ends import Body as Body
+from .tube_ends import body_inside as body_inside
+from .tube_ends import distance_from_rims as distance_from_rims
+from .tube_ends import height_over_body as height_over_body
+from .tube_ends import rim_radius as rim_radius
+from .tube_ends import shortened as shortened
 from .types import Component as Component
 from .types import Seam as Seam
 from .types import Surface as Surface
