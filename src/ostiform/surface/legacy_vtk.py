@@ -28,9 +28,9 @@ VTK_WITHOUT_AREA = (1, 2, 3, 4)
 """Cell types of points and lines."""
 
 _TYPES = {
-    "bit": "u1", "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2",
-    "int": "i4", "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "float": "f4",
-    "double": "f8", "vtktypeint64": "i8", "vtktypeuint64": "u8", "vtkidtype": "i4",
+    "bit": "u1", "char": "i1", "signed_char": "i1", "unsigned_char": "u1", "short": "i2",
+    "unsigned_short": "u2", "int": "i4", "unsigned_int": "u4", "long": "i8",
+    "unsigned_long": "u8", "float": "f4", "double": "f8", "vtktypeint64": "i8", "vtktypeuint64": "u8", "vtkidtype": "i4",
 }  # fmt: skip
 _WIDTHS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1,
            "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}  # fmt: skip
@@ -70,7 +70,9 @@ class _Cursor:
             self.position += n_bytes
             if self.content[self.position : self.position + 1] == b"\n":
                 self.position += 1
-            return np.unpackbits(raw)[:count] if kind.lower() == "bit" else raw.astype(dtype)
+            if kind.lower() == "bit":
+                return np.unpackbits(raw)[:count]
+            return raw.astype(np.int64 if kind.lower() == "vtkidtype" else dtype)
         self.require(2 * count - 1 if count else 0)
         words: list[bytes] = []
         position = self.position
@@ -87,7 +89,7 @@ class _Cursor:
             words += chunk.group().split()
             position = chunk.end()
         self.position = position
-        return numbers_of_words(words, dtype.str)
+        return numbers_of_words(words, "i8" if kind.lower() == "vtkidtype" else dtype.str)
 
     def require(self, n_bytes: int) -> None:
         """Refuse to read past the end."""
@@ -149,10 +151,8 @@ def _read_file(content: bytes) -> tuple[_Sections, str | None]:
             f"{' '.join(dataset[:2]) or 'the end of the file'}: extract the surface"
         )
     sections = _read_sections(cursor)
-    space = stated_space(head[2].decode("latin-1"))
-    if space is None and "SPACE" in sections.texts:
-        space = stated_space(f"SPACE={sections.texts['SPACE'].strip().upper()}")
-    return sections, space
+    title, listed = head[2].decode("latin-1"), sections.texts.get("SPACE", "").strip().upper()
+    return sections, stated_space(f"{title} SPACE={listed}" if listed else title)
 
 
 def _read_sections(cursor: _Cursor) -> _Sections:

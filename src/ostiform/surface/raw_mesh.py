@@ -80,12 +80,15 @@ def stated_space(text: str) -> str | None:
     Raises
     ------
     InputError
-        If it states another than LPS and RAS.
+        If it states another than LPS and RAS, or both.
     """
-    found = re.search(r"SPACE=(\w+)", text)
-    if found and found[1] not in _TO_LPS:
-        raise InputError(f"expected SPACE=LPS or SPACE=RAS in the header, found {found[0]}")
-    return found[1] if found else None
+    found = sorted(set(re.findall(r"SPACE=(\w+)", text)))
+    if len(found) > 1 or not set(found) <= set(_TO_LPS):
+        raise InputError(
+            "expected SPACE=LPS or SPACE=RAS in the file, found "
+            f"{' and '.join(f'SPACE={word}' for word in found)}"
+        )
+    return found[0] if found else None
 
 
 def numbers_of_words(words: Sequence[bytes], kind: str) -> Array:

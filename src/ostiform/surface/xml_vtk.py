@@ -30,7 +30,7 @@ from ostiform.surface.raw_mesh import (
 
 _TYPES = {
     "Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4",
-    "Int64": "i8", "UInt64": "u8", "Float32": "f4", "Float64": "f8",
+    "Int64": "i8", "UInt64": "u8", "Float32": "f4", "Float64": "f8", "Bit": "u1",
 }  # fmt: skip
 _LARGEST_COMPRESSION = 1100
 """Deflate does not reach 1:1033; a block that announces more is damaged."""
@@ -230,6 +230,8 @@ def _array(listed: ElementTree.Element, encoding: _Encoding, count: int | None) 
         if len(raw) % dtype.itemsize:
             raise InputError("expected whole numbers of values, found a damaged array")
         values = np.frombuffer(raw, dtype).astype(_TYPES[kind])
+        if kind == "Bit":  # eight to a byte
+            values = np.unpackbits(values)[:count]
     if count is not None and len(values) != count:
         name = listed.get("Name", "points")
         raise InputError(f"expected {count} numbers in the array {name}, found {len(values)}")
