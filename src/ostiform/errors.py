@@ -2,6 +2,7 @@
 
     OstiformError
     |-- InputError        a file, a setting or an array that cannot be used as it is
+    |   `-- UnlabelledError   an image that nobody segmented
     |-- TopologyError     a surface whose topology the method cannot handle
     |-- EmbeddingError    a surface that could not be mapped to its sphere without folds
     |-- ConvergenceError  an iteration that stopped without reaching its goal
@@ -18,6 +19,10 @@ class OstiformError(Exception):
 
 class InputError(OstiformError, ValueError):
     """A file, a setting or an array that cannot be used as it is."""
+
+
+class UnlabelledError(InputError):
+    """An image, or a frame of one, without any label: nobody segmented it."""
 
 
 class TopologyError(OstiformError, ValueError):

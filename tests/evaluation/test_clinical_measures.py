@@ -11,6 +11,7 @@ from ostiform.evaluation.measurements import (
     clinical_measures,
     clinical_table,
     long_axes,
+    rim_curves,
     rim_measures,
 )
 from ostiform.exchange import read_shape_values_csv, write_shape_values_csv
@@ -96,6 +97,18 @@ def test_a_rim_measured_backwards_or_with_uneven_points_is_the_same(rng):
         first, second = rim_measures(even[None]), rim_measures(other[None])
         for name in ("area", "perimeter", "diameter_max", "diameter_min", "centre"):
             np.testing.assert_allclose(getattr(first, name), getattr(second, name), rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [12, 16, 24])
+def test_a_rim_of_few_uneven_points_has_the_sizes_of_the_rim_they_lie_on(rng, n):
+    fine = ellipse(20.0, 12.0, 4000, rng)
+    whole = rim_measures(fine[None])
+    steps = (np.arange(n) + rng.uniform(-0.3, 0.3, (20, n))) / n
+    few = fine[(4000 * steps).astype(int) % 4000]
+    polygon, curve = rim_measures(few), rim_measures(rim_curves(few))
+    for name in ("area", "perimeter", "diameter_max", "diameter_min"):
+        np.testing.assert_allclose(getattr(curve, name), getattr(whole, name)[0], rtol=0.01)
+    assert (polygon.area < 0.99 * whole.area).all()
 
 
 def test_half_an_ellipsoid_that_contracts_has_its_volume_length_and_ejection_fraction():

@@ -261,3 +261,29 @@ def test_a_mesh_can_be_a_cloud_and_a_soup_is_mended(tmp_path, stored):
 
 def test_the_command_is_registered():
     assert COMMANDS["fit"][0] == "fit"
+
+
+def test_what_a_target_holds_comes_to_the_fitted_surface(case, stored):
+    folder, truth = case
+    mesh = stored.model.mesh
+    arrays = {"voltage": truth[:, 0], "noted": truth[:, 1]}
+    write_surface(folder / "target.vtp", truth, mesh.faces, arrays, {"region": mesh.face_part})
+    files = Files(fields="voltage,region:label")
+    assert run(folder, str(folder / "target.vtp"), files=files) == 0
+    fitted = read_mesh(folder / "out" / "fitted.vtp")
+    assert "noted" not in fitted.point_data
+    known = ~np.isnan(fitted.point_data["voltage"])
+    assert known.mean() > 0.9
+    off = np.abs(fitted.point_data["voltage"] - fitted.vertices[:, 0])[known]
+    assert off.mean() < 2.0  # the surface is that near
+    rows = (folder / "out" / "fields.csv").read_text("utf-8").splitlines()
+    assert rows[0] == "point,voltage,region"
+    assert len(rows) == 1 + len(truth)
+    assert run(folder, str(folder / "target.vtp"), files=Files(fields="thickness")) == 2
+
+
+def test_units_that_a_format_never_has_are_refused(tmp_path):
+    (tmp_path / "a.elem").write_text("1\nTr 0 1 2 1\n")
+    (tmp_path / "a.pts").write_text("3\n0 0 0\n1 0 0\n0 1 0\n")
+    with pytest.raises(InputError, match=r"a.elem: expected coordinates in um, .* found cm stated"):
+        read_targets([str(tmp_path / "a.elem")], PARTS, FileRules(units="cm"))

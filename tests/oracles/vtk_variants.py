@@ -80,7 +80,7 @@ def arrays_of(rng: Rng, count: int, ending: str) -> list[tuple[Any, str]]:
     for name in rng.permutation(NAMES)[: int(rng.integers(1, 4))]:
         kind = str(rng.choice(KINDS))
         width = int(rng.choice([1, 1, 2, 3, 4, 6, 9]))
-        values = (100.0 * rng.standard_normal((count, width))).astype(np.int64)
+        values = np.trunc(100.0 * rng.standard_normal((count, width)))
         if kind[0] == "f":
             values = values / 7.0
             values[rng.random(values.shape) < 0.05] = np.nan
@@ -133,9 +133,7 @@ def placed(rng: Rng, data: Any, points: np.ndarray, ending: str) -> None:
         for array, role in arrays_of(rng, count, ending):
             attributes.AddArray(array)
             if role and ending not in ("ply", "stl", "obj"):
-                attributes.SetActiveAttribute(
-                    array.GetName(), getattr(vtkDataSetAttributes, role)
-                )
+                attributes.SetActiveAttribute(array.GetName(), getattr(vtkDataSetAttributes, role))
     words = vtkStringArray()
     words.SetName("SPACE")
     words.InsertNextValue(str(rng.choice(["LPS", "RAS"])))
@@ -183,6 +181,7 @@ def cell_array(listed: list[list[int]]) -> Any:
 
 def write(rng: Rng, kind: str, path: Path) -> None:
     """Write one mesh with choices drawn at random."""
+    writer: Any
     if kind.endswith("text"):
         points, cells = grid_of_cells(rng, strips=kind == "vtk text")
         path.write_text("\n".join(TEXTS[kind](rng, points, cells)) + "\n", "utf-8")
@@ -245,9 +244,9 @@ def vtk_text(rng: Rng, points: np.ndarray, cells: dict[str, list[list[int]]]) ->
     for group, name in (("Verts", "VERTICES"), ("Lines", "LINES"), ("Polys", "POLYGONS"),
                         ("Strips", "TRIANGLE_STRIPS")):  # fmt: skip
         if cells[group]:
-            listed = [[len(cell), *cell] for cell in cells[group]]
-            rows += ["", f"{name} {len(listed)} {sum(map(len, listed))}"]
-            rows += [" ".join(map(str, row)) for row in listed]
+            lists = [[len(cell), *cell] for cell in cells[group]]
+            rows += ["", f"{name} {len(lists)} {sum(map(len, lists))}"]
+            rows += [" ".join(map(str, row)) for row in lists]
     n_cells = sum(map(len, cells.values()))
     for word, count in (("CELL_DATA", n_cells), ("POINT_DATA", len(points))):
         rows += [f"{word} {count}"]
@@ -329,7 +328,7 @@ READERS = {
 
 def found_by_vtk(kind: str, path: Path) -> dict[str, np.ndarray]:
     """Return points, triangles, arrays (of the cell of each triangle) as VTK's reader has them."""
-    reader = READERS[kind.removesuffix(" text")]()
+    reader: Any = READERS[kind.removesuffix(" text")]()
     reader.SetFileName(str(path))
     for name in ("Scalars", "Vectors", "Normals", "Tensors", "TCoords", "Fields", "ColorScalars"):
         if kind.startswith("vtk"):
@@ -383,7 +382,7 @@ def main(folder: Path) -> None:
         for number in range(count):
             path = folder / f"{kind.replace(' ', '_')}_{number}.{kind.split()[0]}"
             write(rng, kind, path)
-            np.savez(path.with_suffix(".npz"), **found_by_vtk(kind, path))
+            np.savez(path.with_suffix(".npz"), allow_pickle=False, **found_by_vtk(kind, path))
             listed.append(path.name)
     (folder / "variants.json").write_text(json.dumps(listed), "utf-8")
 

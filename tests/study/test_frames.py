@@ -7,6 +7,7 @@ import pytest
 import SimpleITK
 
 from ostiform.errors import InputError
+from ostiform.pipeline.check import UNLABELLED, check_study
 from ostiform.study import proposed_study, read_study
 from ostiform.study.labelmaps import read_label_map
 from ostiform.surface import enclosed_volume
@@ -179,3 +180,18 @@ def test_a_study_is_proposed_for_files_with_frames(tmp_path, ventricles):
     (tmp_path / "study.toml").write_text(proposed_study(tmp_path, tmp_path / "study.toml"))
     found = read_study(tmp_path / "study.toml")
     assert [str(e.id) for e in found.entries] == [f"p{s}/0{k}" for s in (1, 2) for k in range(5)]
+
+
+def test_frames_that_nobody_segmented_are_left_out_and_told(tmp_path, ventricles):
+    empty = np.zeros_like(ventricles[0])
+    for name, own in (("p1", [ventricles[0], empty, ventricles[2], empty]), ("p2", ventricles[:4])):
+        nifti(tmp_path / f"{name}.nii.gz", own)
+    (tmp_path / "study.toml").write_text(STUDY % "nii.gz")
+    checks = check_study(tmp_path / "study.toml")
+    left_out = {str(c.id): c.repairs for c in checks if c.is_excluded}
+    assert left_out == dict.fromkeys(("p1/01", "p1/03"), (UNLABELLED,))
+    assert all(c.problem is None for c in checks)
+    assert {str(c.id): c.id.time for c in checks}["p1/02"] == pytest.approx(0.5)
+    nifti(tmp_path / "p1.nii.gz", [empty] * 4)
+    problems = [c.problem for c in check_study(tmp_path / "study.toml") if c.problem]
+    assert problems == ["shape p1/00: expected a label in some frame, found none in 4"]

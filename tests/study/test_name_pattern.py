@@ -282,3 +282,16 @@ def test_one_pair_tells_no_phases_from_groups():
     one, two = (FileLook(2.0, area, 0, vertices) for area in (1.0, 1.1))
     assert relation([(one, two)]) == "alike"
     assert not is_series([one, two])
+
+
+def test_copies_that_hardly_differ_are_subjects_and_a_motion_is_a_series():
+    vertices, _ = holed_sphere(300, [])
+    for step, moves in ((0.002, False), (0.05, True)):
+        looks = [FileLook(2.0, 1.0, 0, vertices * (1.0 + step * k)) for k in range(6)]
+        assert is_series(looks) is moves
+
+
+def test_braces_in_names_come_back_doubled():
+    found = guessed_pattern([f"case{{{k}}}_LA_{{v}}.vtp" for k in range(5)])
+    assert found.pattern == "{subject}_LA_{{v}}.vtp"
+    assert found.first["LA"] == "case{0}_LA_{v}.vtp"

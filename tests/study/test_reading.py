@@ -130,7 +130,7 @@ def test_points_of_a_shape_come_before_those_of_its_subject_and_the_population(s
     assert sizes(shape(text, a=(40 * vertices, faces)).parts["LA"]) == {"mitral": 20, "vein": 30}
     by_subject = text + f'[ostia.shapes."a"]\n"LA.vein" = {right}\n'
     assert sizes(shape(by_subject).parts["LA"]) == {"mitral": 30, "vein": 20}
-    by_shape = by_subject + f'[ostia.shapes."a/0"]\n"LA.vein" = {wrong}\n'
+    by_shape = by_subject + f'[ostia.shapes."a"]\n"LA.vein" = {wrong}\n'
     assert sizes(shape(by_shape).parts["LA"]) == {"mitral": 20, "vein": 30}
 
 
@@ -179,7 +179,7 @@ def test_a_closed_surface_is_opened_by_the_values_of_its_caps(shape):
         InputError, match="cell array Label of shapes.open, found the cell arrays F"
     ):
         shape(text.replace('"Face"', '"Label"'))
-    with pytest.raises(InputError, match=r"shape a/0: LA \(.*a.vtp\): .* value 5 for .* vein"):
+    with pytest.raises(InputError, match=r"shape a: LA \(.*a.vtp\): .* value 5 for .* vein"):
         shape(text.replace("vein = 7", "vein = 5"))
 
 
@@ -196,7 +196,7 @@ def test_a_cap_that_is_a_ring_is_refused(shape):
 
 
 def test_a_surface_with_a_handle_is_refused(shape):
-    with pytest.raises(TopologyError, match=r"shape a/0: T \(.*a.vtp\): .* found genus 1"):
+    with pytest.raises(TopologyError, match=r"shape a: T \(.*a.vtp\): .* found genus 1"):
         shape(CLOSED, a=torus(20, 12))
 
 
@@ -224,12 +224,12 @@ def test_a_missing_part_fails_its_shape(shape):
 
 def test_a_damaged_file_is_named_with_its_shape(shape, tmp_path):
     (tmp_path / "a.vtp").write_bytes(b"<VTKFile")
-    with pytest.raises(InputError, match=r"shape a/0: LA.*a.vtp"):
+    with pytest.raises(InputError, match=r"shape a: LA.*a.vtp"):
         shape(ALONE)
 
 
 def test_an_extra_opening_fails_its_shape_with_a_list(shape):
-    with pytest.raises(InputError, match=r"shape a/0: LA: expected 2 openings .* found 3: loop 1"):
+    with pytest.raises(InputError, match=r"shape a: LA: expected 2 openings .* found 3: loop 1"):
         shape(ALONE, a=holed_sphere(300, [*TWO_HOLES, ((0, 1, 0), 0.2, 12)]))
 
 

@@ -1,6 +1,7 @@
 import pytest
 
 from ostiform.errors import InputError
+from ostiform.pipeline.store import slug
 from ostiform.study import natural_key, read_study
 
 PARTS = """
@@ -89,7 +90,7 @@ def test_files_may_lie_in_another_folder(study, tmp_path):
     found = study(
         ONE_PART + 'folder = "meshes"\npattern = "{subject}.vtp"', "meshes/a.vtp", "b.vtp"
     )
-    assert ids(found) == ["a/0"]
+    assert ids(found) == ["a"]
     assert found.folder == tmp_path / "meshes"
     with pytest.raises(InputError, match="shapes.folder: expected a folder, found none"):
         study(ONE_PART + 'folder = "elsewhere"\npattern = "{subject}.vtp"')
@@ -101,7 +102,7 @@ def test_a_missing_part_is_left_for_the_shape_to_report(study):
 
 
 def test_two_files_for_one_part_are_refused(study):
-    with pytest.raises(InputError, match=r"shape a/0: expected one file for LV, found 2"):
+    with pytest.raises(InputError, match=r"shape a: expected one file for LV, found 2"):
         study(PARTS + 'pattern = "{subject}_{part}*.vtp"', "a_LV1.vtp", "a_LV2.vtp", "a_LA1.vtp")
 
 
@@ -124,7 +125,7 @@ def test_a_sheet_gives_files_times_and_covariates(study, tmp_path):
 
 def test_times_for_some_rows_only_are_refused(study, tmp_path):
     (tmp_path / "shapes.csv").write_text("subject,time,LA\na,0.5,x.vtp\nb,,y.vtp\n")
-    with pytest.raises(InputError, match="shape b/0: expected a time in the sheet"):
+    with pytest.raises(InputError, match="shape b: expected a time in the sheet"):
         study(ONE_PART + 'sheet = "shapes.csv"')
 
 
@@ -194,3 +195,21 @@ def test_a_sheet_leaves_out_what_it_excludes_without_moving_the_others(study, tm
     (tmp_path / "sheet.csv").write_text("subject,file,exclude\np1,a.vtp,maybe\n")
     with pytest.raises(InputError, match='row 2: expected exclude yes or no, found "maybe"'):
         study(ONE_PART + 'sheet = "sheet.csv"')
+
+
+def test_a_subject_without_phases_is_called_by_its_name_alone(study, tmp_path):
+    found = study(ONE_PART + 'pattern = "{subject}.vtp"', "10.vtp", "11.vtp")
+    assert ids(found) == ["10", "11"]
+    assert [slug(entry.id) for entry in found.entries] == ["10_0", "11_0"]
+    assert [entry.id.phase for entry in found.entries] == ["", ""]
+    (tmp_path / "sheet.csv").write_text("subject,phase,file\np1,,a.vtp\np1,0,b.vtp\n")
+    with pytest.raises(InputError, match="subject p1: expected a phase for all .* or for none"):
+        study(ONE_PART + 'sheet = "sheet.csv"')
+
+
+def test_braces_of_file_names_are_doubled_in_a_pattern(study):
+    name = "case{1}_{x}.vtp"
+    found = study(ONE_PART + 'pattern = "{subject}_{{x}}.vtp"', name)
+    assert [(str(e.id), e.files["LA"].name) for e in found.entries] == [("case{1}", name)]
+    with pytest.raises(InputError, match=r"\(\{\{ for a brace\), found \{x\}"):
+        study(ONE_PART + 'pattern = "{subject}_{x}.vtp"')

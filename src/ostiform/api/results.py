@@ -71,7 +71,9 @@ class Results:
         path = self.folder / "failed.json"
         try:
             facts = json.loads(path.read_text(encoding="utf-8"))
-            return {f"{item['subject']}/{item['phase']}": item["reason"] for item in facts}
+            return {
+                str(ShapeId(item["subject"], item["phase"], 0.0)): item["reason"] for item in facts
+            }
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ArtifactError(
                 f"{path}: expected the list of shapes left out, found a missing or damaged file "

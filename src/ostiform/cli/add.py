@@ -49,7 +49,7 @@ def _show(common: Common, addition: pipeline.Addition) -> int:
     elif not common.quiet:
         for shape in addition.added:
             print(
-                f"{shape.subject}/{shape.phase}: {shape.residue_mm:.2f} mm from what the model "
+                f"{shape.name}: {shape.residue_mm:.2f} mm from what the model "
                 f"could make, surface covered to {shape.coverage_p95_mm:.2f} mm"
             )
         print(f"{addition.after} shapes, {addition.before} unchanged, in {addition.output}")

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+import ostiform.study
 from ostiform import pipeline
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
@@ -36,6 +37,12 @@ class Source:
     ] = "surface"
     units: Annotated[Literal["mm", "cm", "m", "um"], Parameter(help="Of the files.")] = "mm"
     frame: Annotated[Literal["LPS", "RAS"], Parameter(help="Of the files.")] = "LPS"
+    fields: Annotated[
+        str,
+        Parameter(
+            help="Arrays of the meshes to carry, as voltage,region:label (labels name things)."
+        ),
+    ] = ""
 
 
 AS_THEY_ARE = Source()
@@ -70,7 +77,13 @@ def adopt(
     def work() -> pipeline.Adopted:
         chosen = tuple(part.strip() for part in files.parts.split(","))
         settings = pipeline.SourceSettings(
-            files.pattern, files.sheet, files.names, chosen, files.units, files.frame
+            files.pattern,
+            files.sheet,
+            files.names,
+            chosen,
+            files.units,
+            files.frame,
+            ostiform.study.stated_fields(files.fields),
         )
         return pipeline.adopt_shapes(source, output, settings, alignment, per)
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import ostiform.model
+import ostiform.study
 from ostiform import fitting
 from ostiform.cli.options import DEFAULTS, Common, Output
 from ostiform.cli.running import run_command
@@ -29,6 +30,13 @@ class Files:
     frame: Annotated[
         Literal["LPS", "RAS"], Parameter(help="Of files that do not state theirs.")
     ] = "LPS"
+    fields: Annotated[
+        str,
+        Parameter(
+            help="Arrays of the surfaces to carry to the fitted one, as voltage,region:label "
+            "(labels name things)."
+        ),
+    ] = ""
     openings: Annotated[
         Path | None,
         Parameter(
@@ -96,7 +104,10 @@ def _fit(
         named = dict(zip(labels, positions, strict=True))
     data = fitting.read_targets(targets, stored.model.mesh.parts, rules, named)
     prior = fitting.fit_prior(stored)
-    facts = fitting.write_fit(output, prior, fitting.fit_shape(prior, data, chosen))
+    fields = ostiform.study.stated_fields(files.fields)
+    found = fitting.fit_shape(prior, data, chosen)
+    carried = fitting.target_fields(targets, rules, fields, found, prior.model.mesh)
+    facts = fitting.write_fit(output, prior, found, carried)
     if common.json:
         print(json.dumps({"output": str(output), **facts}, indent=1, ensure_ascii=False))
     elif not common.quiet:

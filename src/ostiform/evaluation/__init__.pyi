@@ -69,6 +69,7 @@ from .measurements import RimMeasures as RimMeasures
 from .measurements import clinical_measures as clinical_measures
 from .measurements import clinical_table as clinical_table
 from .measurements import long_axes as long_axes
+from .measurements import rim_curves as rim_curves
 from .measurements import rim_measures as rim_measures
 from .measurements import surface_sizes as surface_sizes
 from .measurements import twist_angles as twist_angles

@@ -143,6 +143,7 @@ def _phase_blocks(
         times = np.array([ids[index].time for index in indices])
         ordered = indices[np.argsort(times, kind="stable")]
         for block in np.array_split(ordered, min(count, len(ordered))):
-            first, last = ids[block[0]].phase, ids[block[-1]].phase
-            blocks.append((f"{subject}, phases {first} to {last}", np.sort(block)))
+            first, last = ids[block[0]], ids[block[-1]]
+            name = f"{subject}, phases {first.phase} to {last.phase}" if first.phase else subject
+            blocks.append((name, np.sort(block)))
     return blocks

@@ -3,8 +3,8 @@
 Definitions, for one part (docs/dynamics.md has them with pictures of thought):
 
 - *area* of an opening: magnitude of its rim's vector area, ``|1/2 sum p_i x p_(i+1)|``, the area
-  of the flat cap; *diameters*: axes of the ellipse that has the second moments of the rim's
-  polygon, seen along the vector area (exact for an ellipse);
+  of the flat cap; *diameters*: axes of the ellipse that has the second moments of the rim, seen
+  along the vector area (exact for an ellipse); all on the smooth curve through the rim's points;
 - *annulus*: the opening of the part with the longest perimeter on the mean of the shapes; *apex*:
   the part's point furthest from the annulus' centre there. Both are the same material points in
   all shapes. *Long axis*: from the centre of the annulus to the apex;
@@ -35,6 +35,10 @@ WALLS = re.compile("epi|myo", re.IGNORECASE)
 """Names of parts that enclose no blood of their own."""
 
 THIRD = 1.0 / 3.0
+
+
+_CURVE_STEPS = 8
+"""Pieces that a smooth rim is drawn in from each of its points to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,8 +117,34 @@ class ClinicalTable:
         return values
 
 
+def rim_curves(rims: FloatArray) -> FloatArray:
+    """Return smooth closed curves through the points of rims (N, n, 3), as (N, 8 n, 3).
+
+    A sampled rim of a dozen points is a polygon, whose length is 1 % and whose area is 4 % below
+    those of the rim that they lie on. The curve is cubic from point to point, with the tangents of
+    the parabola through three points, by chord length: 12 points of an oval, evenly spaced or not,
+    give both within 0.4 %.
+    """
+    points = np.asarray(rims, dtype=np.float64)
+    after = np.roll(points, -1, axis=1)
+    chord = np.linalg.norm(after - points, axis=2, keepdims=True)  # (N, n, 1)
+    slope = (after - points) / np.maximum(chord, np.finfo(np.float64).tiny)
+    chord_before, slope_before = np.roll(chord, 1, axis=1), np.roll(slope, 1, axis=1)
+    both = np.maximum(chord + chord_before, np.finfo(np.float64).tiny)
+    tangent = (chord_before * slope + chord * slope_before) / both
+    start, end = tangent * chord, np.roll(tangent, -1, axis=1) * chord
+    t = (np.arange(_CURVE_STEPS) / _CURVE_STEPS)[:, None]
+    curves: FloatArray = (
+        (2.0 * t**3 - 3.0 * t**2 + 1.0) * points[:, :, None]
+        + (t**3 - 2.0 * t**2 + t) * start[:, :, None]
+        + (3.0 * t**2 - 2.0 * t**3) * after[:, :, None]
+        + (t**3 - t**2) * end[:, :, None]
+    )
+    return curves.reshape(len(points), -1, 3)
+
+
 def rim_measures(rims: FloatArray) -> RimMeasures:
-    """Return the sizes of an opening from its rim (N, n, 3) in mm, points in order."""
+    """Return the sizes of an opening from its rim (N, n, 3) in mm, a polygon in order."""
     points = np.asarray(rims, dtype=np.float64)
     start = points.mean(axis=1, keepdims=True)
     offsets = points - start
@@ -178,7 +208,7 @@ def long_axes(points: FloatArray, mesh: ModelMesh) -> dict[str, LongAxis]:
         loops = {n: loop for n, loop in mesh.loops.items() if n.startswith(f"{part}.")}
         own = np.unique(mesh.faces[mesh.face_part == index])
         if loops and len(own):
-            measures = {name: rim_measures(mean[loop][None]) for name, loop in loops.items()}
+            measures = {n: rim_measures(rim_curves(mean[loop][None])) for n, loop in loops.items()}
             annulus = max(measures, key=lambda name: float(measures[name].perimeter[0]))
             away = np.linalg.norm(mean[own] - measures[annulus].centre[0], axis=1)
             axes[part] = LongAxis(annulus, int(own[away.argmax()]))
@@ -206,7 +236,7 @@ def clinical_measures(
     """
     shapes = np.asarray(points, dtype=np.float64)
     columns: dict[str, FloatArray] = {}
-    rims = {name: rim_measures(shapes[:, loop]) for name, loop in mesh.loops.items()}
+    rims = {name: rim_measures(rim_curves(shapes[:, loop])) for name, loop in mesh.loops.items()}
     for part, volumes in part_volumes(shapes, mesh).items():
         reference = int(volumes.argmax())
         ejected = 100.0 * (1.0 - volumes / volumes[reference])

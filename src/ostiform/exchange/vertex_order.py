@@ -19,8 +19,17 @@ from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.exchange.landmarks import read_landmarks
 from ostiform.exchange.particles import read_particles
-from ostiform.model import ModelMesh
-from ostiform.study import NO_PHASE, ShapeId, natural_key, times_of_phases
+from ostiform.model import ModelMesh, SurfaceField
+from ostiform.study import (
+    NO_PHASE,
+    FieldSettings,
+    ShapeId,
+    name_expression,
+    natural_key,
+    times_of_phases,
+    values_at,
+    with_fields,
+)
 from ostiform.surface import RawMesh, boundary_loops, oriented_outward, placed_vertices, read_mesh
 from ostiform.values import Axes, value
 
@@ -51,6 +60,8 @@ class OrderedShapes:
         What was concluded, one sentence each.
     covariates : tuple of mapping of str to str
         Of each shape, where the source states them; empty where it does not.
+    fields : tuple of SurfaceField
+        What the meshes hold at their points and was asked for.
     """
 
     ids: Annotated[tuple[ShapeId, ...], Axes("N")]
@@ -58,6 +69,7 @@ class OrderedShapes:
     mesh: Annotated[ModelMesh, Axes("P")]
     notes: tuple[str, ...] = ()
     covariates: tuple[Mapping[str, str], ...] = ()
+    fields: tuple[SurfaceField, ...] = ()
 
 
 def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple[SourceFile, ...]:
@@ -89,7 +101,7 @@ def found_ids(files: Sequence[Path], folder: Path, pattern: str | None) -> tuple
             who = (match["subject"], match.groupdict().get("phase", NO_PHASE))
         if who in names:
             raise InputError(
-                f"{path}: expected one file for the shape {who[0]}/{who[1]}, found "
+                f"{path}: expected one file for the shape {ShapeId(*who, 0.0)}, found "
                 f"{names[who].name} too: give a --pattern or a --sheet that tells them apart"
             )
         names[who] = path
@@ -110,6 +122,7 @@ def read_ordered_meshes(
     units: str,
     frame: str,
     parts: Sequence[str] = (DEFAULT_PART,),
+    fields: Mapping[str, FieldSettings] | None = None,
 ) -> OrderedShapes:
     """Read meshes that share vertices and triangles.
 
@@ -121,11 +134,14 @@ def read_ordered_meshes(
         Of files that do not state their own (3D Slicer's ``SPACE``, openCARP's micrometres).
     parts : sequence of str
         One name, or as many as the cell array ``part`` has values (0, 1, ...).
+    fields : mapping of str to FieldSettings, optional
+        Arrays of the files to carry.
 
     Raises
     ------
     InputError
-        If a file cannot be read, or its vertices or triangles differ from the first file's.
+        If a file cannot be read, lacks a field, or its vertices or triangles differ from the first
+        file's.
     """
     meshes = [read_mesh(file.path) for file in files]
     first = meshes[0]
@@ -146,14 +162,37 @@ def read_ordered_meshes(
                 f"{file.path}: expected the triangles of {files[0].path.name}, found {found}: "
                 "the meshes do not share their vertex order"
             )
-    points = np.stack([placed_vertices(mesh, units, frame) for mesh in meshes])
+    try:
+        points = np.stack([placed_vertices(mesh, units, frame) for mesh in meshes])
+    except InputError as error:
+        raise InputError(f"{files[0].path}: {error}") from None
     faces, notes = _outward(points.mean(axis=0), first.faces)
     face_part = _face_part(files[0].path, first, parts)
     part = np.zeros(points.shape[1], dtype=np.int64)
     for number in range(len(parts) - 1, -1, -1):  # a shared point carries its first part
         part[faces[face_part == number]] = number
     shared = ModelMesh(faces, face_part, part, tuple(parts), {})
-    return OrderedShapes(tuple(file.id for file in files), points, shared, notes)
+    carried = _fields(files, meshes, fields or {})
+    return OrderedShapes(tuple(file.id for file in files), points, shared, notes, fields=carried)
+
+
+def _fields(
+    files: Sequence[SourceFile], meshes: Sequence[RawMesh], fields: Mapping[str, FieldSettings]
+) -> tuple[SurfaceField, ...]:
+    """Return fields at the vertices; one of cells has the value of a triangle at the vertex."""
+    rows = []
+    for file, mesh in zip(files, meshes, strict=True):
+        try:
+            named = with_fields(fields, DEFAULT_PART, mesh)
+        except InputError as error:
+            raise InputError(f"{file.path}: {error}") from None
+        own = values_at(named, fields, mesh.vertices)
+        none = np.full(len(mesh.vertices), np.nan)
+        rows.append([named.point_data.get(name, own.get(name, none)) for name in fields])
+    return tuple(
+        SurfaceField(name, field.units, field.kind == "label", np.stack([row[k] for row in rows]))
+        for k, (name, field) in enumerate(fields.items())
+    )
 
 
 def read_particle_shapes(
@@ -353,19 +392,18 @@ def _without_triangles(part: IntArray, parts: tuple[str, ...]) -> ModelMesh:
 
 
 def _expression(pattern: str) -> re.Pattern[str]:
-    text = ""
-    for piece in re.split(r"(\{[^{}]*\}|\*)", pattern):
-        if piece == "*":
-            text += "[^/]*"
-        elif piece in ("{subject}", "{phase}") and f"(?P<{piece[1:-1]}>" not in text:
-            text += f"(?P<{piece[1:-1]}>[^/]+)"
-        elif piece.startswith("{"):
+    seen: set[str] = set()
+
+    def of_field(name: str) -> str:
+        if name not in ("subject", "phase") or name in seen:
             raise InputError(
                 f'--pattern: expected the fields {{subject}} and {{phase}} once each, found "'
                 f'{pattern}"'
             )
-        else:
-            text += re.escape(piece)
-    if "(?P<subject>" not in text:
+        seen.add(name)
+        return f"(?P<{name}>[^/]+)"
+
+    expression = name_expression(pattern, of_field)
+    if "subject" not in seen:
         raise InputError(f'--pattern: expected the field {{subject}}, found "{pattern}"')
-    return re.compile(text)
+    return expression

@@ -13,6 +13,7 @@ from .settings import FitSettings as FitSettings
 from .settings import PoseKnowledge as PoseKnowledge
 from .settings import Scaling as Scaling
 from .settings import TargetKind as TargetKind
+from .target_fields import target_fields as target_fields
 from .target_size import checked_size as checked_size
 from .types import CloudTarget as CloudTarget
 from .types import ContourTarget as ContourTarget

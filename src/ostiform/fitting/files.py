@@ -97,7 +97,7 @@ def read_targets(
     """
     targets: list[Target] = []
     for name in names:
-        part, path = _split(name, parts)
+        part, path = target_file(name, parts)
         targets.append(_read(path, part, rules))
     return _with_openings(targets, openings or {})
 
@@ -124,7 +124,8 @@ def read_named_points(path: Path, rules: FileRules) -> tuple[tuple[str, ...], Fl
     return tuple(labels), np.array(rows) * lps_factors(rules.units, rules.frame)
 
 
-def _split(name: str, parts: Sequence[str]) -> tuple[str | None, Path]:
+def target_file(name: str, parts: Sequence[str]) -> tuple[str | None, Path]:
+    """Return the part, where stated, and the path of ``FILE`` or ``PART=FILE``."""
     part, equals, rest = name.partition("=")
     if equals and not Path(name).exists():
         if part not in parts:
@@ -159,7 +160,7 @@ def _read(path: Path, part: str | None, rules: FileRules) -> Target:
         if suffix in CURVE_SUFFIXES and rules.kind in ("auto", "points") and _has_curves(path):
             return _from_curves(path, part, rules)
         raise
-    vertices = placed_vertices(mesh, rules.units, rules.frame)
+    vertices = placed(path, mesh, rules)
     if not len(mesh.faces) and suffix in CURVE_SUFFIXES and rules.kind != "surface":
         return _from_curves(path, part, rules)
     if not len(mesh.faces) and rules.kind == "surface":
@@ -167,6 +168,14 @@ def _read(path: Path, part: str | None, rules: FileRules) -> Target:
     if rules.kind == "points" or not len(mesh.faces):
         return CloudTarget(vertices, part)
     return _surface(path, mesh, vertices, part)
+
+
+def placed(path: Path, mesh: RawMesh, rules: FileRules) -> FloatArray:
+    """Return the vertices (V, 3) of a file in mm (LPS)."""
+    try:
+        return placed_vertices(mesh, rules.units, rules.frame)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _surface(path: Path, mesh: RawMesh, vertices: FloatArray, part: str | None) -> SurfaceTarget:

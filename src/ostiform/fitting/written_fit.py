@@ -1,6 +1,7 @@
 """A fit as files: the fitted surface as VTP, scores, pose and judgement as JSON."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from ostiform import __version__
+from ostiform.arrays import FloatArray
 from ostiform.atomic import atomically
 from ostiform.fitting.prior import FitPrior
 from ostiform.fitting.types import ShapeFit
 from ostiform.surface import SurfaceDistance, write_surface
+from ostiform.tables import write_table
 
 
 def fit_facts(prior: FitPrior, fit: ShapeFit) -> dict[str, Any]:
@@ -55,12 +58,15 @@ def fit_facts(prior: FitPrior, fit: ShapeFit) -> dict[str, Any]:
     }
 
 
-def write_fit(folder: Path, prior: FitPrior, fit: ShapeFit) -> dict[str, Any]:
+def write_fit(
+    folder: Path, prior: FitPrior, fit: ShapeFit, fields: Mapping[str, FloatArray] | None = None
+) -> dict[str, Any]:
     """Write ``fitted.vtp`` and ``fit.json`` to a folder, and return what the latter holds.
 
     The surface is the posterior mean in the target's frame, with the point arrays
     ``posterior_sd_mm`` (root mean square over the coordinates), ``normal_sd_mm``, ``residue_mm``
-    (signed distance to the target, NaN where it has no surface) and the cell array ``part``.
+    (signed distance to the target, NaN where it has no surface) and the cell array ``part``; fields
+    of the target (see `target_fields`) are point arrays too, and the columns of ``fields.csv``.
 
     Raises
     ------
@@ -74,12 +80,18 @@ def write_fit(folder: Path, prior: FitPrior, fit: ShapeFit) -> dict[str, Any]:
         fit.points,
         mesh.faces,
         point_data={
+            **(fields or {}),
             "posterior_sd_mm": fit.point_sd,
             "normal_sd_mm": fit.normal_sd,
             "residue_mm": np.asarray(fit.residue),
         },
         cell_data={"part": mesh.face_part},
     )
+    if fields:
+        rows = zip(*(values.tolist() for values in fields.values()), strict=True)
+        write_table(
+            folder / "fields.csv", ["point", *fields], ([k, *row] for k, row in enumerate(rows))
+        )
     text = json.dumps(facts, indent=1, ensure_ascii=False)
     with atomically(folder / "fit.json") as partial:
         partial.write_text(text + "\n", encoding="utf-8")

@@ -80,6 +80,11 @@ class AddedShape:
     residue_mm: float
     coverage_p95_mm: float
 
+    @property
+    def name(self) -> str:
+        """As all commands call it."""
+        return str(ShapeId(self.subject, self.phase, 0.0))
+
 
 @dataclass(frozen=True, slots=True)
 class Addition:

@@ -2,8 +2,8 @@
 
 Artifacts: ``model.h5``, ``correspondence.h5`` and, where there are triangles, ``evaluation.json``,
 all three also in ``optimal/`` where the results of a build have them; ``scores.csv``,
-``volumes.csv``, ``clinical.csv``, ``meshes/mean.vtp`` and ``adopted.json`` (from what, and what
-was concluded).
+``volumes.csv``, ``clinical.csv``, ``meshes/mean.vtp``, ``fields.bin`` and ``fields/`` (see
+`pipeline.carried_fields`) and ``adopted.json`` (from what, and what was concluded).
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,6 +42,7 @@ from ostiform.model import (
     write_mean,
 )
 from ostiform.pipeline.adopt_sources import SourceSettings, read_source
+from ostiform.pipeline.carried_fields import Fields, write_fields
 from ostiform.pipeline.covariates import write_covariates
 from ostiform.pipeline.events import Note, OnEvent, Progress, Warn
 from ostiform.pipeline.results import Writer, copy_artifact, result_files, write_all
@@ -144,8 +145,9 @@ def adopt_shapes(
     for name in ("correspondence.h5", "model.h5"):
         copy_artifact(store, name, f"optimal/{name}", key)
     write_covariates(store, found.ids, found.covariates)
+    write_fields(store, key, found.ids, found.fields)
     if len(shapes.mesh.faces):
-        notes += _write_surfaces(store, key, shapes, stored.model, watch)
+        notes += _write_surfaces(store, key, shapes, stored.model, found.fields, watch)
     else:
         notes.append("evaluation, volumes and meshes: not made, the points have no triangles")
     for note in notes:
@@ -246,12 +248,17 @@ def _groups(ids: Sequence[ShapeId], per: Literal["subject", "shape"] | None) -> 
 
 
 def _write_surfaces(
-    store: Store, key: str, shapes: CorrespondedShapes, model: ShapeModel, on_event: OnEvent
+    store: Store,
+    key: str,
+    shapes: CorrespondedShapes,
+    model: ShapeModel,
+    fields: Fields,
+    on_event: OnEvent,
 ) -> list[str]:
     """Write what needs triangles, and return what could not be made."""
     notes = []
     with store.writing("meshes/mean.vtp", key) as path:
-        write_mean(path, model)
+        write_mean(path, model, fields)
     evaluation = _evaluation(shapes, model)
     if evaluation.generalisation is None:
         notes.append(f"generalisation: not measured, {len(shapes.ids)} shapes are too few")

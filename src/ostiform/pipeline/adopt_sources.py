@@ -1,7 +1,7 @@
 """Where a correspondence that exists already comes from: a folder, a sheet, or a project."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from ostiform.exchange import (
     read_particle_shapes,
     read_project,
 )
-from ostiform.study import NO_PHASE, ShapeId, read_sheet, times_of_phases
+from ostiform.study import NO_PHASE, FieldSettings, ShapeId, read_sheet, times_of_phases
 from ostiform.surface import (
     MESH_SUFFIXES,
     MM_PER_UNIT,
@@ -54,6 +54,8 @@ class SourceSettings:
         ``mm``, ``cm``, ``m`` or ``um``.
     frame : str
         ``LPS`` or ``RAS``.
+    fields : mapping of str to FieldSettings
+        Arrays of the meshes to carry.
     """
 
     pattern: str | None = None
@@ -62,6 +64,7 @@ class SourceSettings:
     parts: tuple[str, ...] = ("surface",)
     units: str = "mm"
     frame: str = "LPS"
+    fields: Mapping[str, FieldSettings] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse settings that cannot be used."""
@@ -113,6 +116,11 @@ def read_source(source: Path, settings: SourceSettings) -> OrderedShapes:
         )
     if len(shapes.ids) < 2:
         raise InputError(f"{source}: expected at least 2 shapes, found {len(shapes.ids)}")
+    if settings.fields and not shapes.fields:
+        raise InputError(
+            f"--fields: expected meshes with the arrays {', '.join(settings.fields)}, found points "
+            f"without any in {source}"
+        )
     if not len(shapes.mesh.faces):
         if settings.names is not None:
             raise InputError(
@@ -147,7 +155,9 @@ def _from_folder(folder: Path, settings: SourceSettings) -> OrderedShapes:
         )
     kind = kinds.pop()
     if kind == "meshes":
-        found = read_ordered_meshes(files, settings.units, settings.frame, settings.parts)
+        found = read_ordered_meshes(
+            files, settings.units, settings.frame, settings.parts, settings.fields
+        )
     elif kind == "landmarks":
         found = read_landmark_shapes(files, settings.factors)
     else:

@@ -23,6 +23,8 @@ from ostiform.study import (
     read_study,
 )
 
+UNLABELLED = "left out, as this frame has no label"
+
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
@@ -66,7 +68,7 @@ class ShapeCheck:
     problem : str or None
         Why the shape cannot be used.
     is_excluded : bool
-        Whether the sheet leaves it out; it was not read then.
+        Whether it is left out: by the sheet, or as a frame that nobody segmented.
     arrays : tuple of str
         What its files hold on the surface that no field of the study names.
     """
@@ -99,7 +101,8 @@ def check_study(
 
     with TemporaryDirectory() as folder, Workers(workers) as pool:
         run = Run(replace(study, settings=settings), Store(Path(folder)), pool, watch)
-        named = name_shapes(run, ingest_shapes(run))
+        ingested = ingest_shapes(run)
+        named = name_shapes(run, ingested)
         usable, failures = prepared_shapes(run, named, tube_ends(run, named))
         problems = {failure.id: failure.reason for failure in (*named.failures, *failures)}
         names = {ready.id: ready.name for ready, _ in usable}
@@ -115,12 +118,20 @@ def check_study(
                 notes.get(entry.id, ()),
             )
             for entry in study.entries
+            if entry.id not in ingested.unlabelled or entry.id in problems
         ]
         found: list[ShapeCheck | None] = [None] * len(tasks)
         for outcome in pool.each(_check, tasks):
             found[outcome.index] = outcome.result
-    excluded = [ShapeCheck(id, (), (), None, is_excluded=True) for id in study.excluded]
-    return [*(check for check in found if check is not None), *excluded]
+    left_out = [
+        *(
+            ShapeCheck(id, (), (UNLABELLED,), None, True)
+            for id in ingested.unlabelled
+            if id not in problems
+        ),
+        *(ShapeCheck(id, (), (), None, True) for id in study.excluded),
+    ]
+    return [*(check for check in found if check is not None), *left_out]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ostiform.artifacts import load_mapped, save
 from ostiform.domain import Circle, circle_from_part_sphere
-from ostiform.errors import InputError
+from ostiform.errors import InputError, UnlabelledError
 from ostiform.pipeline.events import Note, Warn
 from ostiform.pipeline.run import Failure, Ready, Run, over_shapes
 from ostiform.pipeline.store import Store, file_hash, key_of, slug
@@ -58,11 +58,14 @@ class Ingested:
     surveys : tuple of ShapeSurvey
         What naming needs to know of each.
     failures : tuple of Failure
+    unlabelled : tuple of ShapeId
+        Frames left out because nobody segmented them.
     """
 
     ready: tuple[Ready, ...]
     surveys: tuple[ShapeSurvey, ...]
     failures: tuple[Failure, ...]
+    unlabelled: tuple[ShapeId, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +95,23 @@ def ingest_shapes(run: Run) -> Ingested:
     tasks = [_IngestTask(study, entry, run.store) for entry in entries]
     found, failures = over_shapes(run, "read", _ingested, tasks, [entry.id for entry in entries])
     pairs = [pair for pair in found if pair is not None]
+    used = {ready.id for ready, _ in pairs} | {failure.id for failure in failures}
+    unlabelled = tuple(entry.id for entry in entries if entry.id not in used)
+    for subject in dict.fromkeys(id.subject for id in unlabelled):
+        own = [id for id in unlabelled if id.subject == subject]
+        if subject not in {id.subject for id in used}:
+            reason = f"shape {own[0]}: expected a label in some frame, found none in {len(own)}"
+            if run.study.settings.shapes.on_error == "stop":
+                raise InputError(reason)
+            failures.append(Failure(own[0], "read", reason))
+        else:
+            phases = ", ".join(id.phase for id in own)
+            run.on_event(Note(f"{subject}: left out the frames without any label: {phases}"))
     return Ingested(
-        tuple(ready for ready, _ in pairs), tuple(survey for _, survey in pairs), tuple(failures)
+        tuple(ready for ready, _ in pairs),
+        tuple(survey for _, survey in pairs),
+        tuple(failures),
+        unlabelled,
     )
 
 
@@ -176,13 +194,19 @@ class _IngestTask:
     store: Store
 
 
-def _ingested(task: _IngestTask) -> tuple[Ready, ShapeSurvey]:
+def _ingested(task: _IngestTask) -> tuple[Ready, ShapeSurvey] | None:
+    """Return a shape as read; None for a frame that nobody segmented."""
     name = slug(task.entry.id)
     key = key_of("ingest", _reading_inputs(task.study, task.entry))
     artifact = opened_artifact(name)
     opened = task.store.read_current(artifact, key, lambda path: load_mapped(path, OpenedShape))
     if opened is None:
-        opened = opened_shape(task.study, task.entry)
+        try:
+            opened = opened_shape(task.study, task.entry)
+        except UnlabelledError:
+            if task.entry.frame is None:
+                raise
+            return None
         with task.store.writing(artifact, key) as path:
             save(path, opened)
     if task.study.settings.fields:

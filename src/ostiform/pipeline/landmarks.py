@@ -10,7 +10,7 @@ from ostiform.correspondence import SurfaceMarks
 from ostiform.errors import InputError
 from ostiform.exchange import read_landmarks
 from ostiform.pipeline.store import file_hash
-from ostiform.study import MIRROR, ShapeId, Study, internal_factors
+from ostiform.study import MIRROR, ShapeId, Study, filled_name, internal_factors
 
 
 def stated_marks(study: Study, ids: Sequence[ShapeId]) -> tuple[SurfaceMarks | None, ...]:
@@ -53,8 +53,8 @@ def _path(study: Study, id: ShapeId) -> Path | None:
     stated = study.settings.landmarks.file
     if stated is None:
         return None
-    name = stated.replace("{subject}", id.subject).replace("{phase}", id.phase)
-    if "{" in name:
+    name = filled_name(stated, {"subject": id.subject, "phase": id.phase})
+    if name is None:
         raise InputError(
             f"{study.path.name}: landmarks.file: expected the fields {{subject}} and {{phase}}, "
             f'found "{stated}"'

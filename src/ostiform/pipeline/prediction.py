@@ -193,8 +193,8 @@ def _corresponded(shape: str, stored: StoredModel, rules: FileRules) -> FloatArr
     faces = stored.model.mesh.faces
     if mesh.faces.shape != faces.shape or (mesh.faces != faces).any():
         return None
-    points = placed_vertices(mesh, rules.units, rules.frame)
     try:
+        points = placed_vertices(mesh, rules.units, rules.frame)
         checked_size(stored.model.mean, [CloudTarget(points)])
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

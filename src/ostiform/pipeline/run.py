@@ -65,7 +65,7 @@ class Failure:
 def over_shapes(
     run: Run,
     stage: str,
-    function: Callable[[Item], Result],
+    function: Callable[[Item], Result | None],
     items: Sequence[Item],
     ids: Sequence[ShapeId],
 ) -> tuple[list[Result | None], list[Failure]]:
@@ -85,7 +85,7 @@ def over_shapes(
     Returns
     -------
     results : list
-        In the order of the items; None for a shape that failed.
+        In the order of the items; None for a shape that failed or gave none.
     failures : list of Failure
 
     Raises
@@ -115,7 +115,7 @@ def over_shapes(
     return results, sorted(failures, key=lambda failure: list(ids).index(failure.id))
 
 
-def _guarded(function: Callable[[Item], Result], item: Item) -> Result:
+def _guarded(function: Callable[[Item], Result | None], item: Item) -> Result | None:
     """Apply a function to one shape; whatever goes wrong is the failure of this shape only."""
     try:
         return function(item)

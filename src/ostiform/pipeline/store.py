@@ -177,12 +177,13 @@ def slug(shape: ShapeId) -> str:
 
     Whatever the names hold (separators, dots, any script), the result is one plain path segment.
     """
-    name = f"{quote(shape.subject, safe=' ')}_{quote(shape.phase, safe=' ')}".replace(".", "%2E")
+    phase = shape.phase or "0"  # so that a file has two names also where there are no phases
+    name = f"{quote(shape.subject, safe=' ')}_{quote(phase, safe=' ')}".replace(".", "%2E")
     if (
         len(name) <= LONGEST_SLUG
         and re.fullmatch(r"[\w%-][\w %-]*", name)
-        and "_" not in (shape.subject + shape.phase)
+        and "_" not in (shape.subject + phase)
     ):
         return name
-    digest = hashlib.sha256(json.dumps([shape.subject, shape.phase]).encode()).hexdigest()[:12]
+    digest = hashlib.sha256(json.dumps([shape.subject, phase]).encode()).hexdigest()[:12]
     return f"{name[: LONGEST_SLUG - 13]}-{digest}"

@@ -2,10 +2,14 @@ from .cycles import natural_key as natural_key
 from .cycles import times_of_phases as times_of_phases
 from .field_arrays import field_mesh as field_mesh
 from .field_arrays import other_arrays as other_arrays
+from .field_arrays import stated_fields as stated_fields
 from .field_arrays import surface_fields as surface_fields
 from .field_arrays import values_at as values_at
+from .field_arrays import with_fields as with_fields
 from .layout_names import LayoutCircle as LayoutCircle
 from .markups import read_markups as read_markups
+from .name_fields import filled_name as filled_name
+from .name_fields import name_expression as name_expression
 from .naming import LoopFacts as LoopFacts
 from .naming import loop_facts as loop_facts
 from .opened import OpenedShape as OpenedShape

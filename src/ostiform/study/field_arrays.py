@@ -29,6 +29,25 @@ OFF_SURFACE = 0.01
 """Of the size of a surface: what is mapped may be a coarser mesh, and leave it a little."""
 
 
+def stated_fields(text: str) -> dict[str, FieldSettings]:
+    """Return the fields that an option states: ``voltage,region:label``.
+
+    Raises
+    ------
+    InputError
+        If a name is empty or doubled, or a kind is none.
+    """
+    fields: dict[str, FieldSettings] = {}
+    for item in text.split(",") if text.strip() else ():
+        name, _, kind = (word.strip() for word in item.partition(":"))
+        if not name or name in fields or kind not in ("", "number", "label"):
+            raise InputError(
+                f"--fields: expected different names such as voltage,region:label, found {text}"
+            )
+        fields[name] = FieldSettings(kind="label" if kind == "label" else "number")
+    return fields
+
+
 def surface_fields(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawMesh]:
     """Return the surface of every part of a shape as its file has it, with the study's fields.
 
@@ -59,9 +78,26 @@ def surface_fields(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawM
 
 def field_mesh(settings: StudySettings, part: str, mesh: RawMesh) -> RawMesh:
     """Return the mesh of a part without its caps, its fields as arrays by their names."""
+    named = with_fields(settings.fields, part, mesh)
+    wall = np.ones(len(mesh.faces), dtype=np.bool_)
+    caps = [value for name, value in settings.caps.items() if name.startswith(f"{part}.")]
+    if caps:
+        wall = ~np.isin(face_values(mesh, str(settings.shapes.open["array"]), "shapes.open"), caps)
+    cells = {name: values[wall] for name, values in named.cell_data.items()}
+    return replace(named, faces=mesh.faces[wall], cell_data=cells)
+
+
+def with_fields(fields: Mapping[str, FieldSettings], part: str, mesh: RawMesh) -> RawMesh:
+    """Return a mesh with the fields of a part as its only arrays, by their names.
+
+    Raises
+    ------
+    InputError
+        If an array is missing or holds other things than numbers.
+    """
     points: dict[str, FloatArray] = {}
     cells: dict[str, FloatArray] = {}
-    for name, field in settings.fields.items():
+    for name, field in fields.items():
         array = field.array or name
         if field.part not in (None, part):
             continue
@@ -77,16 +113,14 @@ def field_mesh(settings: StudySettings, part: str, mesh: RawMesh) -> RawMesh:
                 "correct its name, or state part = ... where one part has it, or required = false "
                 "where some shapes lack it"
             )
-    wall = np.ones(len(mesh.faces), dtype=np.bool_)
-    caps = [value for name, value in settings.caps.items() if name.startswith(f"{part}.")]
-    if caps:
-        wall = ~np.isin(face_values(mesh, str(settings.shapes.open["array"]), "shapes.open"), caps)
-    cells = {name: values[wall] for name, values in cells.items()}
-    return replace(mesh, faces=mesh.faces[wall], point_data=points, cell_data=cells)
+    return replace(mesh, point_data=points, cell_data=cells)
 
 
 def values_at(
-    mesh: RawMesh, fields: Mapping[str, FieldSettings], points: FloatArray
+    mesh: RawMesh,
+    fields: Mapping[str, FieldSettings],
+    points: FloatArray,
+    reach_mm: float | None = None,
 ) -> dict[str, FloatArray]:
     """Return the fields (n,) of a surface at points (n, 3) on it; NaN where it has no value.
 
@@ -100,6 +134,8 @@ def values_at(
         From `surface_fields`.
     fields : mapping of str to FieldSettings
     points : (n, 3) float64, mm
+    reach_mm : float, optional
+        Where points may lie farther off the surface.
     """
     if not (mesh.point_data or mesh.cell_data):
         return {}
@@ -112,7 +148,8 @@ def values_at(
     }
     found |= {name: values[closest.faces] for name, values in mesh.cell_data.items()}
     size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.faces], axis=(0, 1))))
-    reach = max(median_edge_length(mesh.vertices, mesh.faces), OFF_SURFACE * size)
+    edge = median_edge_length(mesh.vertices, mesh.faces)
+    reach = max(edge, OFF_SURFACE * size, reach_mm or 0.0)
     off = closest.distances > reach
     return {name: np.where(off, np.nan, values) for name, values in found.items()}
 

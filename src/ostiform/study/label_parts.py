@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from ostiform.arrays import BoolArray, FloatArray, IntArray
-from ostiform.errors import InputError, TopologyError
+from ostiform.errors import InputError, TopologyError, UnlabelledError
 from ostiform.study.labelmaps import LabelMap, label_mask, read_label_map
 from ostiform.study.markups import Cut, cut_heights
 from ostiform.study.parts import LARGEST_STRAY_SHARE, handle_sentence
@@ -112,12 +112,11 @@ def _mask(settings: StudySettings, part: str, path: Path, label_map: LabelMap) -
     if not mask.any():
         present = np.unique(label_map.labels)
         sought = "voxels other than 0" if wanted is None else f"voxels of {list(wanted)}"
-        found = (
-            f"found the labels {', '.join(map(str, present[:12].tolist()))}: check labels.values"
-        )
+        expected = f"{path}: expected {sought} for the part {part}, found"
         if not present.any() and not label_map.further:
-            found = "found no label at all: this image or frame was not segmented"
-        raise InputError(f"{path}: expected {sought} for the part {part}, {found}")
+            raise UnlabelledError(f"{expected} no label at all: this image was not segmented")
+        found = ", ".join(map(str, present[:12].tolist()))
+        raise InputError(f"{expected} the labels {found}: check labels.values")
     return mask
 
 

@@ -20,6 +20,8 @@ _PAIRED = 0.5
 _SERIES = 0.6
 """In a series, neighbours are nearer than this share of the mean distance of any two."""
 _LEAST_SERIES = 5
+_LEAST_MOTION = 0.01
+"""Of the size: what differs less are copies of one shape, not a motion (hearts: 0.03 and more)."""
 _SPHERE = 1e-3
 
 Relation = Literal["other", "same", "paired", "alike"]
@@ -93,7 +95,7 @@ def is_series(looks: Sequence[FileLook]) -> bool:
         return False
     steps = np.mean([distance(one, two) for one, two in pairwise(looks)])
     apart = np.mean([distance(one, two) for one, two in combinations(looks, 2)])
-    return bool(steps < _SERIES * apart)
+    return bool(steps < _SERIES * apart and apart > _LEAST_MOTION * looks[0].size)
 
 
 def distance(one: FileLook, two: FileLook) -> float:

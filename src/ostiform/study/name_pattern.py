@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ostiform.study.looks import FileLook
 from ostiform.study.name_factors import NameFactors, name_factors
+from ostiform.study.name_fields import with_braces, without_braces
 from ostiform.study.name_roles import (
     CHAMBER,
     LABELS,
@@ -24,7 +25,7 @@ from ostiform.study.name_roles import (
 )
 
 _IMAGE = re.compile(r"(ct|mr|mri|img|image|images|4d|t1w|t2w|bssfp|orig|raw|para)", re.IGNORECASE)
-_NAME = re.compile(r"[^\s./\\{}=+*][^./\\{}=+*]*")
+_NAME = re.compile(r"[^\s./\\{}=+*\ue000\ue001][^./\\{}=+*\ue000\ue001]*")
 _MOST_NAMES = 2000
 
 
@@ -60,14 +61,14 @@ def guessed_pattern(names: Sequence[str], look: Look = lambda name: None) -> Nam
         How a file looks; asked for a few files only, where the words of the names do not tell.
     """
     ending = name_ending(names[0])
-    stems = [name.removesuffix(ending) for name in names]
+    stems = [without_braces(name.removesuffix(ending)) for name in names]
     chosen, notes = _shapes_only(stems)
     kept = chosen[:_MOST_NAMES]
     if len(kept) < len(chosen):
         notes.append(f"the names of the first {len(kept)} of {len(chosen)} files were compared")
 
     def look_at(stem: str) -> FileLook | None:
-        return look(stem + ending)
+        return look(with_braces(stem, doubled=False) + ending)
 
     factors = name_factors(kept, words=True)
     if len(factors.fields) == 2 and not words_are_subjects(factors):
@@ -145,8 +146,9 @@ def _pattern(
     if twins := _twins(factors):
         said.append(f"doubt: {twins} differ in case only: rename the files if they are one")
     parts = tuple(part for part in first if part)
-    files = {part: stems[k] + ending for part, k in first.items()}
-    return NamePattern(merged + ending, parts, files, tuple(said))
+    files = {part: with_braces(stems[k], doubled=False) + ending for part, k in first.items()}
+    said = [with_braces(note, doubled=False) for note in said]
+    return NamePattern(with_braces(merged, doubled=True) + ending, parts, files, tuple(said))
 
 
 def _merged(frames: Sequence[str], role: str) -> str | None:

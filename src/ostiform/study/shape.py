@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from ostiform.surface import Seam, Surface
 from ostiform.values import value
 
-NO_PHASE = "0"
-"""The phase of subjects without phases."""
+NO_PHASE = ""
+"""The phase of subjects without phases: none is invented for them."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -19,8 +19,8 @@ class ShapeId:
     time: float
 
     def __str__(self) -> str:
-        """Return ``subject/phase``."""
-        return f"{self.subject}/{self.phase}"
+        """Return ``subject/phase``, or ``subject`` alone where it has no phases."""
+        return f"{self.subject}/{self.phase}" if self.phase else self.subject
 
 
 @value

@@ -181,10 +181,10 @@ def file_mesh(settings: StudySettings, part: str, entry: ShapeEntry) -> RawMesh:
     try:
         mesh = read_mesh(entry.files[part])
         check_frame(settings, mesh)
+        return replace(mesh, vertices=placed_vertices(mesh, settings.units, settings.frame))
     except InputError as error:
         where = "" if str(entry.files[part]) in str(error) else f" ({entry.files[part]})"
         raise InputError(f"{part}{where}: {error}") from None
-    return replace(mesh, vertices=placed_vertices(mesh, settings.units, settings.frame))
 
 
 def _joined_mesh(

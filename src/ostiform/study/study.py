@@ -5,6 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from glob import escape
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +13,7 @@ from ostiform.errors import InputError
 from ostiform.study.cycles import common_cycles, missing_phases, natural_key
 from ostiform.study.frames import Frames, places_in_cycle
 from ostiform.study.labelmaps import is_label_map, read_frames
+from ostiform.study.name_fields import filled_name, name_expression
 from ostiform.study.settings import StudySettings
 from ostiform.study.settings_file import read_settings
 from ostiform.study.shape import NO_PHASE, ShapeId
@@ -274,29 +276,26 @@ def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
 def _expression(
     path: Path, pattern: str, parts: Sequence[str], shares_files: bool
 ) -> re.Pattern[str]:
-    expression, seen = "", set()
-    for piece in re.split(r"(\{[^{}]*\}|\*)", pattern):
-        name = piece[1:-1] if piece.startswith("{") else None
-        if piece == "*":
-            expression += "[^/]*"
-        elif name is None:
-            expression += re.escape(piece)
-        elif name not in _FIELDS:
+    seen: set[str] = set()
+
+    def of_field(name: str) -> str:
+        if name not in _FIELDS:
             raise InputError(
                 f"{path.name}: shapes.pattern: expected the fields {{subject}}, {{phase}} and "
-                f"{{part}}, found {piece}"
+                f"{{part}} ({{{{ for a brace), found {{{name}}}"
             )
-        elif name in seen:
-            expression += f"(?P={name})"
-        else:
-            one_of = "|".join(re.escape(part) for part in sorted(parts, key=len, reverse=True))
-            expression += f"(?P<{name}>{one_of})" if name == "part" else f"(?P<{name}>[^/]+)"
-            seen.add(name)
+        if name in seen:
+            return f"(?P={name})"
+        seen.add(name)
+        one_of = "|".join(re.escape(part) for part in sorted(parts, key=len, reverse=True))
+        return f"(?P<{name}>{one_of})" if name == "part" else f"(?P<{name}>[^/]+)"
+
+    expression = name_expression(pattern, of_field)
     if "part" not in seen and len(parts) > 1 and not shares_files:
         raise InputError(
             f'{path.name}: shapes.pattern: expected the field {{part}}, found "{pattern}"'
         )
-    return re.compile(expression)
+    return expression
 
 
 def _refuse_double(path: Path, items: Iterable[tuple[str, str]]) -> None:
@@ -349,6 +348,11 @@ def _ordered(
         by_subject[item.subject].append(item)
     entries = []
     for subject in sorted(by_subject, key=natural_key):
+        if len({item.names[1] == NO_PHASE for item in by_subject[subject]}) > 1:
+            raise InputError(
+                f"{path.name}: subject {subject}: expected a phase for all of its shapes or for "
+                "none, found both"
+            )
         own = sorted(by_subject[subject], key=lambda item: natural_key(item.names[1]))
         phases = {item.names[1] for item in own}
         missing = missing_phases(cycles, subject, phases, own[0].frame is not None)
@@ -376,14 +380,16 @@ def _cuts_files(
     if settings.cuts.markups is None:
         return ()
     subject, phase = item.names
-    name = settings.cuts.markups.replace("{subject}", subject).replace("{phase}", phase)
-    name = name.replace("{ostium}", "*")
-    if "{" in name:
+    values = {"subject": subject, "phase": phase}
+    if "{ostium}" in settings.cuts.markups:
+        values = {key: escape(value) for key, value in values.items()} | {"ostium": "*"}
+    name = filled_name(settings.cuts.markups, values)
+    if name is None:
         raise InputError(
             f"{path.name}: cuts.markups: expected the fields {{subject}}, {{phase}} and "
             f'{{ostium}}, found "{settings.cuts.markups}"'
         )
-    if "*" not in name:
+    if "*" not in settings.cuts.markups and "ostium" not in values:
         return (folder / name,)
     found = tuple(sorted(folder.glob(name)))
     if not found:

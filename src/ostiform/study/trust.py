@@ -73,8 +73,13 @@ def trusted_names(
         against.pop(found.reference)
     named = {shape: plain[shape] for shape in agreeing}
     named |= {s: noted(named[s], MIRRORED) for s in found.mirrored if s in named}
+    how = (
+        "the other shapes"
+        if agreeing
+        else "each other, and no majority of the shapes says which are right"
+    )
     told = {
-        shape: f"the names given contradict the other shapes: given {given}; by geometry {seen}"
+        shape: f"the names given contradict {how}: given {given}; by geometry {seen}"
         for shape, one in against.items()
         for given, seen in (one.readings(),)
     }

@@ -30,7 +30,8 @@ VTK_WITHOUT_AREA = (1, 2, 3, 4)
 _TYPES = {
     "bit": "u1", "char": "i1", "signed_char": "i1", "unsigned_char": "u1", "short": "i2",
     "unsigned_short": "u2", "int": "i4", "unsigned_int": "u4", "long": "i8",
-    "unsigned_long": "u8", "float": "f4", "double": "f8", "vtktypeint64": "i8", "vtktypeuint64": "u8", "vtkidtype": "i4",
+    "unsigned_long": "u8", "float": "f4", "double": "f8", "vtktypeint64": "i8",
+    "vtktypeuint64": "u8", "vtkidtype": "i4",
 }  # fmt: skip
 _WIDTHS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1,
            "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}  # fmt: skip

@@ -69,7 +69,18 @@ def lps_factors(units: str, frame: str) -> FloatArray:
 
 
 def placed_vertices(mesh: RawMesh, units: str, frame: str) -> FloatArray:
-    """Return the vertices (V, 3) in mm and LPS; what the file states itself goes first."""
+    """Return the vertices (V, 3) in mm and LPS; what the file states itself goes first.
+
+    Raises
+    ------
+    InputError
+        If the units are others than those of all files of the format, and not the default.
+    """
+    if mesh.units is not None and units not in ("mm", mesh.units):
+        raise InputError(
+            f"expected coordinates in {mesh.units}, as files of this format always are, found "
+            f"{units} stated as units: convert the file, or leave the units out"
+        )
     placed: FloatArray = mesh.vertices * lps_factors(mesh.units or units, mesh.space or frame)
     return placed
 
