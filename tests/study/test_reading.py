@@ -130,7 +130,9 @@ def test_points_of_a_shape_come_before_those_of_its_subject_and_the_population(s
     assert sizes(shape(text, a=(40 * vertices, faces)).parts["LA"]) == {"mitral": 20, "vein": 30}
     by_subject = text + f'[ostia.shapes."a"]\n"LA.vein" = {right}\n'
     assert sizes(shape(by_subject).parts["LA"]) == {"mitral": 30, "vein": 20}
-    by_shape = by_subject + f'[ostia.shapes."a"]\n"LA.vein" = {wrong}\n'
+    phases = by_subject.replace("{subject}", "{phase}").replace('shapes."a"', 'shapes."1"')
+    assert sizes(shape(phases).parts["LA"]) == {"mitral": 30, "vein": 20}
+    by_shape = phases + f'[ostia.shapes."1/a"]\n"LA.vein" = {wrong}\n'
     assert sizes(shape(by_shape).parts["LA"]) == {"mitral": 20, "vein": 30}
 
 
