@@ -162,7 +162,13 @@ def reflection_ratio(moving: SurfaceSample, fixed: SurfaceSample, rotation: Floa
     steps = MIDDLE_ITERATIONS + REFLECTED_ITERATIONS
     start = rotation, np.zeros(3)
     _, _, own = _refined(moving.points, moving.normals, fixed, start, steps)
-    return _reflected_residual(moving, fixed, None) / max(own, SETTLED * fixed.radius)
+    mirrored = _reflected_residual(moving, fixed, None)
+    if mirrored < own and own > SETTLED * fixed.radius:
+        # The mirror image was turned freely: of a shape with a plane of symmetry that is a turn.
+        starts = fixed.frame @ _axis_permutations() @ moving.frame.T
+        turned = _best_fit(moving.points, moving.normals, fixed, starts, REFLECTED_ITERATIONS)[2]
+        own = min(own, turned)
+    return mirrored / max(own, SETTLED * fixed.radius)
 
 
 def _reflected_residual(
