@@ -9,7 +9,7 @@ VERSIONS = {
     "demonstration": 2,
     "ingest": 2,
     "tube ends": 1,
-    "prepare": 2,
+    "prepare": 3,
     "domain": 2,
     "embedding": 2,
     "maps": 1,
