@@ -45,6 +45,7 @@ from ostiform.study.sheet import read_sheet
 from ostiform.surface import Surface
 from ostiform.surface.files import read_mesh, write_surface
 from tests.fuzz.exchange_targets import exchange_files
+from tests.fuzz.foreign_targets import foreign_files
 from tests.oracles.warped_shapes import (
     embedded,
     one_part_domain,
@@ -88,6 +89,8 @@ def make_targets(folder: Path) -> Mapping[str, Target]:
     ]
     for name, paths, read in exchange_files(folder, folder / "correspondence.h5"):
         targets.append(_target(name, paths, read, "run.json" if name == "run json" else None))
+    for name, paths, read, file in foreign_files(folder / "foreign"):
+        targets.append(_target(name, paths, read, file))
     return {target.name: target for target in targets}
 
 

@@ -136,3 +136,14 @@ def test_named_segments_become_parts_of_their_names(tmp_path):
     nrrd.write(str(tmp_path / "a.seg.nrrd"), labels, header)
     settings = parsed_settings(proposed_study(tmp_path, tmp_path / "study.toml"))
     assert settings.labels.values == {"left ventricle": "left ventricle", "LA_veins": "LA+veins"}
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("a.vtk.gz", "unpack what is packed"), ("a.hdr", "save NIfTI pairs as one file"),
+     ("a.pdf", "1 other file such as a.pdf: give"), (".a.vtp", "found no file")],
+)  # fmt: skip
+def test_a_folder_without_readable_files_says_what_is_there(tmp_path, name, said):
+    (tmp_path / name).touch()
+    with pytest.raises(InputError, match=said):
+        proposed_study(tmp_path, tmp_path / "study.toml")

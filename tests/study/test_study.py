@@ -213,3 +213,18 @@ def test_braces_of_file_names_are_doubled_in_a_pattern(study):
     assert [(str(e.id), e.files["LA"].name) for e in found.entries] == [("case{1}", name)]
     with pytest.raises(InputError, match=r"\(\{\{ for a brace\), found \{x\}"):
         study(ONE_PART + 'pattern = "{subject}_{x}.vtp"')
+
+
+def test_hidden_files_are_no_shapes_and_dead_links_are(study, tmp_path):
+    (tmp_path / "b.vtp").symlink_to(tmp_path / "gone.vtp")
+    text = ONE_PART + 'pattern = "{subject}.vtp"'
+    assert ids(study(text, "a.vtp", "._a.vtp", ".hidden.vtp")) == ["a", "b"]
+    assert ids(study(text.replace('"{', '".{'), "a.vtp")) == ["_a", "hidden"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "utf-8"])
+def test_sheets_of_any_unicode_are_read(study, tmp_path, encoding):
+    text = "subject\tphase\ttime\tfile\nM\u00fcller\tED\t0,5\ta.vtp\n"
+    (tmp_path / "sheet.csv").write_text(text, encoding)
+    (entry,) = study(ONE_PART + 'sheet = "sheet.csv"').entries
+    assert (str(entry.id), entry.id.time) == ("M\u00fcller/ED", 0.5)

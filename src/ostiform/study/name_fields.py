@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 _PIECES = re.compile(r"(\{\{|\}\}|\{[^{}]*\}|\*)")
 _BRACES = {"{{": "{", "}}": "}"}
@@ -37,6 +38,20 @@ def filled_name(pattern: str, values: Mapping[str, str]) -> str | None:
     return "".join(
         values[p[1:-1]] if p.startswith("{") and p[1:-1] in values else _BRACES.get(p, p)
         for p in pieces
+    )
+
+
+def files_as_deep(folder: Path, pattern: str) -> list[Path]:
+    """Return the files of a folder as many steps down as a pattern, sorted.
+
+    Hidden ones are left out unless the pattern asks for them; a link that leads nowhere is there,
+    so that whoever reads it says so.
+    """
+    wants_hidden = pattern.rpartition("/")[2].startswith(".")
+    return sorted(
+        file
+        for file in folder.glob("*/" * pattern.count("/") + "*")
+        if (wants_hidden or not file.name.startswith(".")) and (file.is_file() or file.is_symlink())
     )
 
 

@@ -21,7 +21,14 @@ from ostiform.study.reading import opened_shape
 from ostiform.study.settings_file import parsed_settings
 from ostiform.study.study import study_of
 from ostiform.study.survey import part_survey
-from ostiform.surface import MESH_SUFFIXES, RawMesh, boundary_loops, face_areas, read_mesh
+from ostiform.surface import (
+    MESH_SUFFIXES,
+    RawMesh,
+    boundary_loops,
+    counted,
+    face_areas,
+    read_mesh,
+)
 
 _DEEPEST = 5
 _MOST_LABELS = 40
@@ -31,6 +38,14 @@ _SAME_CURVE = 0.02
 _SAME_LENGTH = 0.2
 _SAME_SURFACE = 1e-3
 _SAMPLES = 400
+_ADVICE = {
+    ".gz": "unpack what is packed, but for .nii.gz",
+    ".zip": "unpack it",
+    ".img": "save NIfTI pairs as one file, .nii",
+    ".hdr": "save NIfTI pairs as one file, .nii",
+    ".vtm": "give the folders of its blocks",
+    ".dcm": "save the segmentation as NIfTI or NRRD",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,14 +100,15 @@ def _files(folder: Path) -> tuple[list[str], list[str]]:
         raise InputError(f"{folder}: expected a folder of meshes or label maps, found none")
     endings = (*MESH_SUFFIXES, *LABEL_MAP_ENDINGS)
     found: dict[tuple[str, int], list[str]] = {}
-    for path in _below(folder, _DEEPEST):
+    seen = list(_below(folder, _DEEPEST))
+    for path in seen:
         name = path.relative_to(folder).as_posix()
         if any(name.lower().endswith(ending) for ending in endings):
             found.setdefault((name_ending(name), name.count("/")), []).append(name)
     if not found:
         raise InputError(
-            f"{folder}: expected files ending in {', '.join(endings)}, found none: give the folder "
-            "that holds the shapes"
+            f"{folder}: expected files ending in {', '.join(endings)}, found {_listed(seen)}: give "
+            "the folder that holds the shapes, or convert them"
         )
     chosen = max(found.values(), key=len)
     others = sum(map(len, found.values())) - len(chosen)
@@ -100,12 +116,22 @@ def _files(folder: Path) -> tuple[list[str], list[str]]:
     return sorted(chosen, key=natural_key), notes if others else []
 
 
+def _listed(paths: Sequence[Path]) -> str:
+    """Return what files there are, and how those of known kinds become readable."""
+    if not paths:
+        return "no file"
+    ending = next((p.suffix.lower() for p in paths if p.suffix.lower() in _ADVICE), "")
+    advice = f" ({_ADVICE[ending]})" if ending else ""
+    return f"{counted(len(paths), 'other file')} such as {paths[0].name}{advice}"
+
+
 def _below(folder: Path, depth: int) -> Iterable[Path]:
     for base, folders, files in os.walk(folder):
         folders.sort()
         if len(Path(base).relative_to(folder).parts) >= depth - 1:
             folders.clear()
-        yield from (Path(base) / name for name in sorted(files))
+        # Hidden files are what systems leave, as the ._ files of macOS beside every file.
+        yield from (Path(base) / name for name in sorted(files) if not name.startswith("."))
 
 
 def _file_look(path: Path) -> FileLook | None:

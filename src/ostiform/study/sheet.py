@@ -1,5 +1,6 @@
 """Tables of shapes: one row per shape, from a CSV or an XLSX file."""
 
+import codecs
 import csv
 import datetime
 import io
@@ -198,7 +199,9 @@ def _number(written: str) -> float | None:
 
 def _csv_rows(path: Path) -> list[list[str]]:
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        content = path.read_bytes()
+        is_utf16 = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)  # "Unicode text"
+        text = content.decode("utf-16" if is_utf16 else "utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(
             f"{path}: expected text in UTF-8, found other bytes: save the sheet as CSV UTF-8"

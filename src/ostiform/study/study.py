@@ -13,7 +13,7 @@ from ostiform.errors import InputError
 from ostiform.study.cycles import common_cycles, missing_phases, natural_key
 from ostiform.study.frames import Frames, places_in_cycle
 from ostiform.study.labelmaps import is_label_map, read_frames
-from ostiform.study.name_fields import filled_name, name_expression
+from ostiform.study.name_fields import files_as_deep, filled_name, name_expression
 from ostiform.study.settings import StudySettings
 from ostiform.study.settings_file import read_settings
 from ostiform.study.shape import NO_PHASE, ShapeId
@@ -230,8 +230,7 @@ def _common_frames(item: _Found) -> Frames | None:
 def _matched(path: Path, folder: Path, settings: StudySettings) -> list[_Found]:
     pattern, parts = settings.shapes.pattern or "", settings.part_names
     expression = _expression(path, pattern, parts, settings.shares_files)
-    depth = pattern.count("/")
-    files = sorted(file for file in folder.glob("*/" * depth + "*") if file.is_file())
+    files = files_as_deep(folder, pattern)
     shapes: dict[tuple[str, str | None], dict[str, list[Path]]] = defaultdict(
         lambda: defaultdict(list)
     )
@@ -327,7 +326,7 @@ def _check_shape_keys(path: Path, settings: StudySettings, found: Sequence[_Foun
     if settings.shapes.times and (missing := sorted(phases - set(settings.shapes.times))):
         raise InputError(
             f"{path.name}: shapes.times: expected a time for every phase, found none for "
-            f"{', '.join(missing)}"
+            f"{', '.join(phase or 'shapes without a phase' for phase in missing)}"
         )
 
 
