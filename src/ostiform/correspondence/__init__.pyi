@@ -24,6 +24,11 @@ from .sampling import sampler as sampler
 from .settings import CorrespondenceSettings as CorrespondenceSettings
 from .shapes import Shapes as Shapes
 from .shapes import ShapesInMemory as ShapesInMemory
+from .shared_rims import TiedRim as TiedRim
+from .shared_rims import distances_of_rims as distances_of_rims
+from .shared_rims import tied_rims as tied_rims
+from .shared_rims import with_shared_rims as with_shared_rims
+from .shared_rims import with_tied_rims as with_tied_rims
 from .state import WarpState as WarpState
 from .streaming import StrongSpectrum as StrongSpectrum
 from .streaming import streamed_length as streamed_length

@@ -22,6 +22,8 @@ from ostiform.correspondence import (
     place,
     sampler,
     side_by_side,
+    tied_rims,
+    with_tied_rims,
 )
 from ostiform.embedding import Embeddings
 from ostiform.errors import InputError
@@ -168,6 +170,10 @@ def add_shapes(
         for own, marks in zip(embeddings, stated_marks(study, ids), strict=True)
     ]
     placed = place(samplers, ids, frozen)
+    before = finished.correspondence
+    shared = study.settings.ostia.shared
+    tied = tied_rims(before.template, before.aligned.mean(axis=0), shared)
+    placed = replace(placed, points=with_tied_rims(placed.points, tied))
     watch(Note(f"placed {len(ids)} shapes"))
     correspondence, stored, residues = _refitted(finished.correspondence, ids, placed)
     added = tuple(

@@ -26,6 +26,7 @@ def contradictions(settings: StudySettings) -> list[str]:
         *_part_problems(settings),
         *_cut_problems(settings),
         *_seam_problems(settings),
+        *_shared_problems(settings),
         *_shapes_problems(settings),
         *_cycle_problems(settings),
         *_part_value_problems(settings),
@@ -74,6 +75,27 @@ def _cut_problems(settings: StudySettings) -> list[str]:
             if f"{part}.{name}" in sewn
         ),
     ]
+
+
+def _shared_problems(settings: StudySettings) -> list[str]:
+    problems = []
+    sewn = {name for seam in settings.seams for name in (seam.first, seam.second)}
+    tied = [second for _, second in settings.ostia.shared]
+    for index, (first, second) in enumerate(settings.ostia.shared):
+        key = f"ostia.shared[{index}]"
+        for name in (first, second):
+            if name not in settings.ostium_names:
+                problems.append(f"{key}: expected ostia of [parts], found {shown(name)}")
+            elif name in sewn:
+                problems.append(f"{key}: expected ostia that are no seams, found {shown(name)}")
+        if first.partition(".")[0] == second.partition(".")[0]:
+            problems.append(f"{key}: expected ostia of two parts, found {shown(first)} and its own")
+        if first in tied or tied.count(second) > 1:
+            problems.append(
+                f"{key}: expected second ostia once each and never as a first, found "
+                f"{shown(first if first in tied else second)} again"
+            )
+    return problems
 
 
 def _seam_problems(settings: StudySettings) -> list[str]:

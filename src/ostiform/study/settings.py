@@ -99,13 +99,15 @@ class OstiaSettings(_Settings):
     a subject (``"SUBJECT"``), where it comes first. `close` names openings (``"PART.NAME"``)
     beyond the ostia of a part that some shapes have and that are closed there. `trust` says what
     counts where the names given to a shape contradict the geometry of the others; without it such a
-    shape is left out.
+    shape is left out. `shared` names pairs of openings of two parts whose rims are one curve that
+    no seam joins, as those of endo- and epicardium at a valve.
     """
 
     points: dict[str, Point] = {}
     shapes: dict[str, dict[str, Point]] = {}
     close: tuple[str, ...] = ()
     trust: Literal["names", "geometry"] | None = None
+    shared: tuple[tuple[str, str], ...] = ()
 
 
 class WeldingSettings(_Settings):
