@@ -141,7 +141,8 @@ def _all_frames(path: Path) -> Any:
 
 def _segment(path: Path) -> Any:
     found = read_label_map(path)
-    return [label_mask(found, [name]) for name in (*found.segments, 1)]
+    wanted: list[int | str] = [*found.segments, 1]
+    return [label_mask(found, [item]) for item in wanted]
 
 
 def _tables(folder: Path) -> Files:

@@ -136,7 +136,8 @@ def _followers(template: Template, part: int, rim: IntArray) -> tuple[IntArray, 
                 system[k, rank[other]] -= 1.0
             elif other in on_rim:
                 right[k, on_rim[other]] += 1.0
-    return inner, np.linalg.solve(system, right) if len(inner) else right
+    follow: FloatArray = np.linalg.solve(system, right) if len(inner) else right
+    return inner, follow
 
 
 def _neighbours(faces: IntArray) -> Mapping[int, set[int]]:
