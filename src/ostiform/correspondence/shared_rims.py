@@ -136,8 +136,7 @@ def _followers(template: Template, part: int, rim: IntArray) -> tuple[IntArray, 
                 system[k, rank[other]] -= 1.0
             elif other in on_rim:
                 right[k, on_rim[other]] += 1.0
-    follow: FloatArray = np.linalg.solve(system, right) if len(inner) else right
-    return inner, follow
+    return inner, np.asarray(np.linalg.solve(system, right), dtype=np.float64)
 
 
 def _neighbours(faces: IntArray) -> Mapping[int, set[int]]:
