@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ostiform.errors import InputError, TopologyError
-from ostiform.study.label_parts import _alone
+from ostiform.study.label_parts import component_meshes
 from ostiform.study.labelmaps import LabelMap
+from ostiform.study.settings import StudySettings
 from ostiform.study.sources import shape_markups
 from ostiform.study.study import read_study
 
@@ -58,6 +59,13 @@ def test_planes_that_are_missing_or_there_twice_are_refused(tmp_path):
         study(tmp_path, "{subject}_*.mrk.json")
 
 
+def meshes(mask, label_map):
+    settings = StudySettings.model_validate(
+        {"schema": 1, "parts": {"K": {}}, "shapes": {"pattern": "x"}, "labels": {"edge_mm": 2.0}}
+    )
+    return component_meshes(settings, {"K": mask}, label_map, {})
+
+
 def test_two_large_pieces_under_one_label_are_refused_as_meshes_are():
     grid = np.moveaxis(np.indices((40, 24, 24)), 0, -1) - [0, 12, 12]
     first = ((grid - [9, 0, 0]) ** 2).sum(-1) < 49
@@ -65,7 +73,7 @@ def test_two_large_pieces_under_one_label_are_refused_as_meshes_are():
         mask = first | (((grid - [30, 0, 0]) ** 2).sum(-1) < radius**2)
         label_map = LabelMap(mask.astype(np.int64), np.eye(4))
         if is_kept:
-            assert "kept the largest of 2 pieces" in _alone(mask, label_map, 2.0).notes[0]
+            assert "kept the largest of 2 pieces" in meshes(mask, label_map).notes[0]
             continue
-        with pytest.raises(TopologyError, match="others beside the largest with 4. % of the area"):
-            _alone(mask, label_map, 2.0)
+        with pytest.raises(TopologyError, match="beside the largest with 40 % of the volume"):
+            meshes(mask, label_map)

@@ -7,7 +7,7 @@ gets the next number in the same commit, and what it feeds is made again with it
 
 VERSIONS = {
     "demonstration": 2,
-    "ingest": 2,
+    "ingest": 3,
     "tube ends": 1,
     "prepare": 3,
     "domain": 2,

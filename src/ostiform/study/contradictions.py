@@ -3,7 +3,7 @@
 from itertools import pairwise
 from typing import Any
 
-from ostiform.study.settings import StudySettings, full_name
+from ostiform.study.settings import LabelOpening, StudySettings, full_name
 
 OWN_ARRAYS = ("area_share", "distance_from_mean_mm")
 """Arrays of the surfaces that are written, whose names no field may have."""
@@ -27,6 +27,7 @@ def contradictions(settings: StudySettings) -> list[str]:
         *_cut_problems(settings),
         *_seam_problems(settings),
         *_shared_problems(settings),
+        *_opening_problems(settings),
         *_shapes_problems(settings),
         *_cycle_problems(settings),
         *_part_value_problems(settings),
@@ -139,6 +140,28 @@ def _shapes_problems(settings: StudySettings) -> list[str]:
                 problems.append(f"{key}: expected an ostium of [parts], found {shown(name)}")
             if isinstance(value, str):
                 problems.append(f"{key}: expected a number, found {shown(value)}")
+    return problems
+
+
+def _opening_problems(settings: StudySettings) -> list[str]:
+    """Openings by contact are of parts, name ostia of these, and are no seams."""
+    problems = []
+    at_seams = {name for seam in settings.seams for name in (seam.first, seam.second)}
+    for key, into in settings.labels.openings.items():
+        where = f"labels.openings.{quoted(key)}"
+        part, _, ostium = key.partition(".")
+        if part not in settings.parts:
+            problems.append(f"{where}: expected a part of [parts] before the dot, found {part}")
+            continue
+        ostia = into.ostia if isinstance(into, LabelOpening) else ()
+        if not ostia and ostium not in settings.parts[part].ostia:
+            problems.append(f"{where}: expected an ostium of {part}, found {shown(ostium)}")
+        missing = [name for name in ostia if name not in settings.parts[part].ostia]
+        if missing:
+            problems.append(f"{where}: expected ostia of {part}, found {', '.join(missing)}")
+        seam = [name for name in (ostia or (ostium,)) if f"{part}.{name}" in at_seams]
+        if seam:
+            problems.append(f"{where}: {part}.{seam[0]} is a seam already, where parts touch")
     return problems
 
 

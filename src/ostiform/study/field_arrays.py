@@ -178,7 +178,7 @@ def _file_meshes(settings: StudySettings, entry: ShapeEntry) -> dict[str, RawMes
     if settings.shapes.joined:  # the cuts that part it leave its arrays behind
         whole = file_mesh(settings, settings.part_names[0], entry)
         return dict.fromkeys(settings.parts, whole)
-    return part_meshes(settings, entry, {})[0]
+    return dict(part_meshes(settings, entry, {}).meshes)
 
 
 def _numbers(values: np.ndarray, array: str, field: FieldSettings) -> FloatArray:

@@ -80,7 +80,11 @@ def internal_factors(settings: StudySettings) -> FloatArray:
 
 
 def opened_part(
-    settings: StudySettings, part: str, mesh: RawMesh, cuts: Mapping[str, Cut]
+    settings: StudySettings,
+    part: str,
+    mesh: RawMesh,
+    cuts: Mapping[str, Cut],
+    open_rims: Mapping[str, FloatArray],
 ) -> OpenPart:
     """Mend, open, orient and check the surface of one part.
 
@@ -92,6 +96,8 @@ def opened_part(
         Millimetres in LPS.
     cuts : mapping of str to Cut
         By the ostia of the part.
+    open_rims : mapping of str to (n, 3) float64
+        Where the mesh is open already, by the ostia of the part.
 
     Raises
     ------
@@ -117,6 +123,8 @@ def opened_part(
         ostium: _loop_of_cap(ostium, loops, np.searchsorted(kept, rim))
         for ostium, rim in rims.items()
     }
+    for ostium, rim in open_rims.items():
+        known[ostium] = _loop_along(ostium, mended.vertices[kept], loops, rim)
     opened = OpenPart(mended.vertices[kept], faces, loops, known, mended.repairs)
     opened = _without_nicks(opened, len(settings.parts[part].ostia))
     if opened.repairs and not settings.repair:
@@ -322,6 +330,19 @@ def _loop_of_cap(ostium: str, loops: tuple[IntArray, ...], rim: IntArray) -> int
             f"its {len(rim)} rim vertices"
         )
     return found[0]
+
+
+def _loop_along(
+    ostium: str, vertices: FloatArray, loops: tuple[IntArray, ...], rim: FloatArray
+) -> int:
+    """Return the loop on which the points (n, 3) of a rim lie."""
+    away = [
+        float(np.median(np.linalg.norm(rim[:, None] - vertices[loop], axis=2).min(axis=1)))
+        for loop in loops
+    ]
+    if not away or min(away) > 1e-6 * max(np.ptp(vertices, axis=0).max(), 1.0):
+        raise TopologyError(f"expected the contact of {ostium} to stay open, found it closed")
+    return int(np.argmin(away))
 
 
 def _without_nicks(opened: OpenPart, n_expected: int) -> OpenPart:

@@ -110,7 +110,7 @@ def survey_shape(study: Study, entry: ShapeEntry) -> ShapeSurvey:
 def part_facts(study: Study, entry: ShapeEntry, part: str) -> PartFacts | None:
     """Return what can be said of a part that is unfit for use; None if it cannot be read."""
     try:
-        return surface_facts(part_meshes(study.settings, entry, {})[0][part])
+        return surface_facts(part_meshes(study.settings, entry, {}).meshes[part])
     except (InputError, TopologyError):
         return None
 
@@ -137,12 +137,17 @@ def _crossing_components(settings: StudySettings, surfaces: Mapping[str, Surface
 def _opened_parts(
     settings: StudySettings, entry: ShapeEntry, markups: Markups
 ) -> dict[str, OpenPart]:
-    meshes, cuts = part_meshes(settings, entry, part_cuts(settings, entry, markups))
+    sources = part_meshes(settings, entry, part_cuts(settings, entry, markups))
     opened = {}
-    for part, mesh in meshes.items():
+    for part, mesh in sources.meshes.items():
         file = entry.files[part]
+        own = {
+            split_ostium_name(name)[1]: rim
+            for name, rim in sources.rims.items()
+            if split_ostium_name(name)[0] == part
+        }
         try:
-            opened[part] = opened_part(settings, part, mesh, cuts[part])
+            opened[part] = opened_part(settings, part, mesh, sources.cuts[part], own)
         except (InputError, TopologyError) as error:
             raise type(error)(f"{part} ({file}): {error}") from None
     return opened

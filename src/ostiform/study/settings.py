@@ -116,16 +116,38 @@ class WeldingSettings(_Settings):
     tolerance_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
 
 
+class LabelOpening(_Settings):
+    """What a part opens into: a label, and the names of as many openings as it makes contacts."""
+
+    label: int | str | tuple[int | str, ...]
+    ostia: tuple[Name, ...] = ()
+
+    @property
+    def labels(self) -> tuple[int | str, ...]:
+        """The label or labels."""
+        return (self.label,) if isinstance(self.label, int | str) else self.label
+
+
 class LabelsSettings(_Settings):
     """How label maps become surfaces.
 
     `values` gives each part its label or labels, as numbers or as names of 3D Slicer's segments; a
     part without takes every voxel other than 0 of its own file. `edge_mm` is the edge length of the
-    surface, default 1.5 voxels.
+    surface, default 1.5 voxels. `openings` says where a part is open because it touches a label
+    that is none of the component's parts: ``"PART.OSTIUM"``, or with `ostia` ``"PART.GROUP"`` for
+    several contacts. Labels may leave a gap of `gap_mm`, contacts below `contact_mm2` are noise,
+    and handles with a loop of up to `handles_mm` are mended, default 20 mm or four slices. `rim`
+    says whether the rim of a contact is cut by a plane or is its smoothed curve; by default a plane
+    where slices are thicker than 3 mm.
     """
 
     edge_mm: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
     values: dict[str, int | str | tuple[int | str, ...]] = {}
+    openings: dict[str, int | str | tuple[int | str, ...] | LabelOpening] = {}
+    rim: Literal["plane", "curve"] | None = None
+    gap_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 3.0
+    contact_mm2: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 20.0
+    handles_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
 
 
 class PlaneSettings(_Settings):

@@ -1,7 +1,7 @@
 """The meshes of a shape's parts, from whatever its files are, and where they are to be cut."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError, TopologyError
 from ostiform.study.joined import parted_mesh
-from ostiform.study.label_parts import label_meshes, without_islands
+from ostiform.study.label_parts import label_meshes
 from ostiform.study.labelmaps import is_label_map
 from ostiform.study.markups import (
     DEFAULT_REACH_MM,
@@ -33,13 +33,33 @@ from ostiform.surface import (
     placed_vertices,
     read_mesh,
     split_ostium_name,
+    without_islands,
     without_unreferenced,
 )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PartSources:
+    """The meshes of a shape's parts, and where they are open or to be opened.
+
+    Attributes
+    ----------
+    meshes : mapping of str to RawMesh
+        By part, in mm and LPS.
+    cuts : mapping of str to mapping of str to Cut
+        By part and ostium, those that are still to be made.
+    rims : mapping of str to (n, 3) float64
+        By full ostium name, of openings that the sources name.
+    """
+
+    meshes: Mapping[str, RawMesh]
+    cuts: Mapping[str, Mapping[str, Cut]]
+    rims: Mapping[str, FloatArray]
+
+
 def part_meshes(
     settings: StudySettings, entry: ShapeEntry, cuts: Mapping[str, Mapping[str, Cut]]
-) -> tuple[dict[str, RawMesh], dict[str, dict[str, Cut]]]:
+) -> PartSources:
     """Return the mesh of every part of a shape as its files hold it, in millimetres and LPS.
 
     Parameters
@@ -48,12 +68,6 @@ def part_meshes(
     entry : ShapeEntry
     cuts : mapping of str to mapping of str to Cut
         By part and ostium.
-
-    Returns
-    -------
-    meshes : dict of str to RawMesh
-    cuts : dict of str to dict of str to Cut
-        Those that are still to be made: cuts between labels that touch are made here.
 
     Raises
     ------
@@ -68,9 +82,11 @@ def part_meshes(
         raise InputError(
             "expected meshes or label maps for all parts, found both: extract the surfaces first"
         )
+    rims: Mapping[str, FloatArray] = {}
     if volumes:
         full = {f"{part}.{o}": cut for part, own in cuts.items() for o, cut in own.items()}
-        meshes = label_meshes(settings, entry.files, full, entry.frame)
+        made = label_meshes(settings, entry.files, full, entry.frame)
+        meshes, rims = dict(made.meshes), made.rims
     elif settings.shapes.split:
         meshes = _split_mesh(settings, entry)
     elif settings.shapes.joined:
@@ -83,7 +99,7 @@ def part_meshes(
         part: {o: cut for o, cut in own.items() if not (divided and f"{part}.{o}" in at_seams)}
         for part, own in cuts.items()
     }
-    return meshes, left
+    return PartSources(meshes, left, rims)
 
 
 def data_beside(path: Path) -> tuple[Path, ...]:

@@ -4,13 +4,16 @@ from .component import split_ostium_name as split_ostium_name
 from .component import welded_components as welded_components
 from .cutting import CutSurface as CutSurface
 from .cutting import cut_along_zero as cut_along_zero
+from .cutting import parted_along as parted_along
 from .cutting import parted_at as parted_at
 from .cutting import tube_cut as tube_cut
 from .extraction import LevelField as LevelField
-from .extraction import kept_apart as kept_apart
+from .extraction import is_coarse as is_coarse
 from .extraction import level_field as level_field
 from .extraction import level_surface as level_surface
 from .extraction import level_values as level_values
+from .extraction import signed_distance as signed_distance
+from .extraction import solid_field as solid_field
 from .extraction import zero_set as zero_set
 from .fans import face_fans as face_fans
 from .files import MESH_SUFFIXES as MESH_SUFFIXES
@@ -24,6 +27,7 @@ from .interpolation import interpolated_at as interpolated_at
 from .interpolation import prevailing_at as prevailing_at
 from .intersections import crossing_depth as crossing_depth
 from .intersections import crossing_triangles as crossing_triangles
+from .islands import without_islands as without_islands
 from .legacy_vtk import read_legacy_vtk as read_legacy_vtk
 from .location import SphereLocator as SphereLocator
 from .location import containing_triangles as containing_triangles
@@ -104,5 +108,8 @@ from .tube_ends import shortened as shortened
 from .types import Component as Component
 from .types import Seam as Seam
 from .types import Surface as Surface
+from .voxel_topology import MendedSolid as MendedSolid
+from .voxel_topology import VoxelChange as VoxelChange
+from .voxel_topology import without_handles as without_handles
 from .write_plain import PLAIN_SUFFIXES as PLAIN_SUFFIXES
 from .write_plain import write_plain_mesh as write_plain_mesh

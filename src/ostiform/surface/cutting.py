@@ -117,6 +117,35 @@ def parted_at(
         If the curve does not cut the surface in two.
     """
     height = np.where(height == 0.0, np.finfo(np.float64).tiny, height)
+    bands = _closed_bands(faces, height)
+    away = [
+        float(np.linalg.norm(_curve_center(vertices, faces[band], height) - center))
+        for band in bands
+    ]
+    nearest = min(away, default=np.inf)
+    if nearest > reach:
+        found = "none" if not bands else f"the nearest {nearest:.3g} away"
+        raise InputError(
+            f"expected the cut to meet the surface in a closed curve within {reach:.3g} of its "
+            f"centre, found {found}: check its centre, frame and units"
+        )
+    return _parted_in(vertices, faces, height, bands[away.index(nearest)])
+
+
+def parted_along(vertices: FloatArray, faces: IntArray, height: FloatArray) -> CutSurface:
+    """Part a surface in two along the longest closed curve on which a height is zero.
+
+    Parameters and errors are those of `parted_at`.
+    """
+    height = np.where(height == 0.0, np.finfo(np.float64).tiny, height)
+    bands = _closed_bands(faces, height)
+    if not bands:
+        raise InputError("expected a closed curve between the two, found none")
+    return _parted_in(vertices, faces, height, max(bands, key=len))
+
+
+def _closed_bands(faces: IntArray, height: FloatArray) -> list[IntArray]:
+    """Return the faces that each closed curve of the zero set crosses."""
     above = height[faces] > 0.0  # (F, 3)
     crossing = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
     _, edge, count = unique_edges(faces)
@@ -127,22 +156,16 @@ def parted_at(
     order = np.argsort(keys, kind="stable")
     same = np.flatnonzero(keys[order][1:] == keys[order][:-1])
     label = graph_labels(rows[order[same]], rows[order[same + 1]], len(crossing))
-    best: tuple[float, IntArray] | None = None
-    for k in range(int(label.max(initial=-1)) + 1):
-        band = crossing[label == k]
-        if (count[edge[band][is_cut_edge[band]]] != 2).any():
-            continue  # it ends at an opening
-        distance = float(np.linalg.norm(_curve_center(vertices, faces[band], height) - center))
-        if best is None or distance < best[0]:
-            best = distance, band
-    if best is None or best[0] > reach:
-        found = "none" if best is None else f"the nearest {best[0]:.3g} away"
-        raise InputError(
-            f"expected the cut to meet the surface in a closed curve within {reach:.3g} of its "
-            f"centre, found {found}: check its centre, frame and units"
-        )
+    bands = [crossing[label == k] for k in range(int(label.max(initial=-1)) + 1)]
+    # Others end at an opening.
+    return [band for band in bands if (count[edge[band][is_cut_edge[band]]] == 2).all()]
+
+
+def _parted_in(
+    vertices: FloatArray, faces: IntArray, height: FloatArray, band: IntArray
+) -> CutSurface:
     chosen = np.zeros(len(faces), dtype=np.bool_)
-    chosen[best[1]] = True
+    chosen[band] = True
     return _with_pieces(cut_along_zero(vertices, faces, height, chosen))
 
 
@@ -198,10 +221,26 @@ def _snapped(
         # A triangle with all corners on the curve would belong to neither side.
         if on_curve[v] or any(on_curve[a] and on_curve[b] for a, b in ring[v]):
             continue
-        vertices[v] = vertices[v] + share[k] * (vertices[two[k]] - vertices[v])
+        before = height[v]
         height[v] = 0.0
+        beside = {w for edge in ring[v] for w in edge if on_curve[w]}
+        if not all(_passes_once(ring[w], height) for w in (v, *beside)):
+            height[v] = before
+            continue
+        vertices[v] = vertices[v] + share[k] * (vertices[two[k]] - vertices[v])
         on_curve[v] = True
     return vertices, height
+
+
+def _passes_once(link: list[tuple[int, int]], height: FloatArray) -> bool:
+    """Return whether a curve through a vertex would pass it once, by what lies round it."""
+    around = {v for edge in link for v in edge}
+    for sign in (1.0, -1.0):
+        own = sum(sign * height[v] > 0.0 for v in around)
+        joined = sum(sign * height[a] > 0.0 and sign * height[b] > 0.0 for a, b in link)
+        if own - joined != 1:
+            return False
+    return True
 
 
 def _rings(faces: IntArray, wanted: set[int]) -> dict[int, list[tuple[int, int]]]:

@@ -8,7 +8,6 @@ extrapolated by one slice where the label ends. Voxel steps within slices are sm
 ``2 G - G G`` (G a Gaussian of one voxel), which keeps polynomials of degree three: nothing shrinks.
 """
 
-from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
@@ -30,9 +29,6 @@ label has no say in its outline."""
 
 _LEAST_BEYOND = 0.05
 """In the first slice without the label f is at most this share of its largest value below zero."""
-
-_NEAR_IN_WIDTHS = 2.0
-"""Labels are parted only within this many widths of the gap of both."""
 
 _MARGIN = 3
 """Empty voxels added on every side."""
@@ -84,8 +80,8 @@ def level_field(mask: BoolArray, affine: FloatArray) -> LevelField:
     moved[:3, 3] += affine[:3, :3] @ (first - _MARGIN)
     through = int(np.argmax(spacing))
     others = np.delete(spacing, through)
-    if spacing[through] <= _COARSE * others.max():
-        return LevelField(_unshrunk(_signed_distance(padded, spacing), np.ones(3)), moved)
+    if not is_coarse(spacing):
+        return LevelField(_unshrunk(signed_distance(padded, spacing), np.ones(3)), moved)
     values = np.moveaxis(padded, through, 0)
     stack = _slice_fields(values, others, spacing[through])
     steps = int(np.ceil(spacing[through] / others.mean()))
@@ -151,78 +147,15 @@ def level_values(field: LevelField, points: FloatArray) -> FloatArray:
     return values
 
 
-def kept_apart(
-    field: LevelField,
-    one: LevelField,
-    two: LevelField,
-    others: Sequence[LevelField],
-    width: float,
-) -> LevelField:
-    """Return a field of several labels with a gap where two of them meet.
-
-    The gap is ``{|h| < width |grad h| / 2}``, h the difference of the fields of the two, where
-    both are near and without the other labels.
-
-    Parameters
-    ----------
-    field : LevelField
-        Of all labels together.
-    one, two : LevelField
-        Of the labels to be parted, on the same voxels.
-    others : sequence of LevelField
-        Of the other labels.
-    width : float
-        Of the gap, mm.
-    """
-    starts = [_start(item, field) for item in (one, two)]
-    ends = [s + item.values.shape for s, item in zip(starts, (one, two), strict=True)]
-    low = np.maximum(np.maximum(*starts), 0)
-    high = np.minimum(np.minimum(*ends), field.values.shape)
-    if (high - low < 2).any():
-        return field
-    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-    steps = np.linalg.norm(field.affine[:3, :3], axis=0)
-    here, there = (_inside_box(item, field, low, high) for item in (one, two))
-    height = here - there
-    slope = np.sqrt(sum(g**2 for g in np.gradient(height, *steps)))
-    sheet = np.abs(height) / np.maximum(slope, np.finfo(np.float64).tiny) - 0.5 * width
-    sheet = np.maximum(sheet, -_NEAR_IN_WIDTHS * width - np.minimum(here, there))
-    for other in others:
-        sheet = np.maximum(sheet, _inside_box(other, field, low, high))
-    values = field.values / _scale(field)
-    values[box] = np.minimum(values[box], sheet)
-    return LevelField(values, field.affine)
+def is_coarse(steps: FloatArray) -> bool:
+    """Return whether slices lie so far apart, by voxel sizes (3,), that they are interpolated."""
+    through = int(np.argmax(steps))
+    return bool(steps[through] > _COARSE * np.delete(steps, through).max())
 
 
-def _scale(field: LevelField) -> float:
-    """Return about the slope of a field at its zero set: fields over it are distances."""
-    steps = np.linalg.norm(field.affine[:3, :3], axis=0)
-    slope = np.sqrt(sum(g**2 for g in np.gradient(field.values, *steps)))
-    near = np.abs(field.values) < slope * steps.max()
-    return float(np.median(slope[near])) if near.any() else 1.0
-
-
-def _start(item: LevelField, field: LevelField) -> IntArray:
-    """Return the place of the first node of a field on the grid of another."""
-    offset = np.linalg.solve(field.affine[:3, :3], item.affine[:3, 3] - field.affine[:3, 3])
-    start: IntArray = np.rint(offset).astype(np.int64)
-    return start
-
-
-def _inside_box(item: LevelField, field: LevelField, low: IntArray, high: IntArray) -> FloatArray:
-    """Return the distance inside a field's zero set, mm, in a box of another's grid."""
-    start = _start(item, field)
-    inside = np.zeros(tuple((high - low).tolist()), dtype=np.bool_)
-    first = np.maximum(start, low)
-    last = np.minimum(start + item.values.shape, high)
-    if (last > first).all():
-        there = tuple(slice(a, b) for a, b in zip(first - low, last - low, strict=True))
-        here = tuple(slice(a, b) for a, b in zip(first - start, last - start, strict=True))
-        inside[there] = item.values[here] > 0.0
-    if not inside.any():
-        return np.full(inside.shape, -np.inf)
-    steps = np.linalg.norm(field.affine[:3, :3], axis=0)
-    return _unshrunk(_signed_distance(inside, steps), np.ones(3))
+def solid_field(distance: FloatArray) -> FloatArray:
+    """Return a signed distance from voxels (I, J, K) without their steps."""
+    return _unshrunk(distance, np.ones(3))
 
 
 def _box(mask: BoolArray) -> tuple[IntArray, IntArray]:
@@ -233,7 +166,7 @@ def _box(mask: BoolArray) -> tuple[IntArray, IntArray]:
     return first, last
 
 
-def _signed_distance(mask: BoolArray, spacing: FloatArray) -> FloatArray:
+def signed_distance(mask: BoolArray, spacing: FloatArray) -> FloatArray:
     """Return the distance to the outline, positive inside; half a voxel from centres at it."""
     half = 0.5 * float(spacing.min())
     inside = ndimage.distance_transform_edt(mask, sampling=spacing)
@@ -253,7 +186,7 @@ def _slice_fields(stack: BoolArray, spacing: FloatArray, step: float) -> FloatAr
     filled = np.flatnonzero(stack.any(axis=(1, 2)))
     fields = np.zeros(stack.shape)
     for k in filled.tolist():
-        distance = _unshrunk(_signed_distance(stack[k], spacing), np.ones(2))
+        distance = _unshrunk(signed_distance(stack[k], spacing), np.ones(2))
         distance = np.maximum(distance, -_FAR_IN_STEPS * step)
         fields[k] = distance * (2.0 * max(float(distance.max()), 0.0) - distance)
     first, last = int(filled[0]), int(filled[-1])
