@@ -13,7 +13,7 @@ from ostiform.study.labelmaps import LabelMap
 from ostiform.study.settings import StudySettings
 from ostiform.study.settings_file import parsed_settings
 from ostiform.surface import boundary_loops, genus
-from tests.oracles.heart_maps import LABELS, VEINS, heart_map, saved_map
+from tests.oracles.heart_maps import VEINS, heart_map, saved_map
 from tests.study.single_shapes import read_shape
 
 TEXT = """
@@ -140,18 +140,18 @@ def test_more_contacts_than_openings_are_closed_and_told(noisy):
 
 
 def test_a_gap_between_labels_is_bridged_as_far_as_the_study_says():
-    labels, affine = heart_map(3, (2.0, 2.0, 2.0), noise=False)
-    apart = labels.copy()
-    touching = np.zeros(labels.shape, dtype=np.bool_)
-    for axis in range(3):
-        for step in (1, -1):
-            touching |= np.roll(labels, step, axis) == LABELS["LA"]
-    apart[(labels == LABELS["LV"]) & touching] = 0
-    made = meshes_of(settings_of(more="gap_mm = 5.0"), apart, affine)
-    assert counts(made)["LV"] == 2
-    assert any("bridged a gap of" in note for note in made.notes)
-    with pytest.raises(InputError, match="more than 0 mm apart"):
-        meshes_of(settings_of(more="gap_mm = 0.0"), apart, affine)
+    x, y, z = np.indices((24, 24, 44)) - np.array([12, 12, 22]).reshape(3, 1, 1, 1)
+    labels = np.where((x / 8) ** 2 + (y / 8) ** 2 + (z / 18) ** 2 < 1, np.where(z < 0, 3, 2), 0)
+    labels[(z == 0) | (z == -1)] = 0  # 3 mm of nothing between the two
+    text = TEXT.format(parts=PARTS["LV"] + PARTS["LA"].replace("[parts", "\n[parts"), edge=3.0,
+                       more="MORE", **NUMBERS)  # fmt: skip
+    text = text[: text.index("[labels.openings]")].replace(", AO = 6", "")
+    affine = np.diag([1.5, 1.5, 1.5, 1.0])
+    made = meshes_of(parsed_settings(text.replace("MORE", "")), labels, affine)
+    assert counts(made) == {"LV": 1, "LA": 1}
+    assert "LV and LA do not touch: bridged a gap of 3 mm between them" in made.notes
+    with pytest.raises(InputError, match="more than 2 mm apart"):
+        meshes_of(parsed_settings(text.replace("MORE", "gap_mm = 2.0")), labels, affine)
 
 
 def test_openings_are_of_parts_and_name_their_ostia():
