@@ -71,6 +71,8 @@ def proposal_text(proposal: ProposedStudy) -> str:
         for name, facts in part.ostia.items():
             if facts is not None:
                 lines.append(f"# {name}: {_described(facts)} in the first shape")
+        if len(part.ostia) > 1:
+            lines.append("# cuts = []   # those that end a tube wherever it was cut, such as veins")
         if not part.ostia:
             lines.append("# closed; name its openings here, and cut them by [cuts] below")
     for first, second in seams:
