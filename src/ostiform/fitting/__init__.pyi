@@ -9,6 +9,17 @@ from .leftover import leftover_of_spectrum as leftover_of_spectrum
 from .posterior import shape_deviations as shape_deviations
 from .prior import FitPrior as FitPrior
 from .prior import fit_prior as fit_prior
+from .sequence_fit import cycle_at as cycle_at
+from .sequence_fit import cycle_deviations_at as cycle_deviations_at
+from .sequence_fit import drawn_cycles as drawn_cycles
+from .sequence_fit import fit_sequence as fit_sequence
+from .sequence_prior import SequencePrior as SequencePrior
+from .sequence_prior import sequence_prior as sequence_prior
+from .sequence_types import PhaseTarget as PhaseTarget
+from .sequence_types import SequenceFit as SequenceFit
+from .sequence_types import SequenceSettings as SequenceSettings
+from .sequence_types import SliceContours as SliceContours
+from .sequence_types import SliceShift as SliceShift
 from .settings import FitSettings as FitSettings
 from .settings import PoseKnowledge as PoseKnowledge
 from .settings import Scaling as Scaling

@@ -1,11 +1,11 @@
 """The targets of a fit, prepared for pairing: surfaces, points, contours and landmarks."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ostiform.arrays import FloatArray
+from ostiform.arrays import FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.fitting.landmarks import Labelled, labelled
 from ostiform.fitting.patches import Patch, curve_samples, even_samples, open_patch
@@ -61,11 +61,28 @@ class PreparedSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSet:
-    """Points without connectivity, of one kind, on one part or on any."""
+    """Points without connectivity, of one kind, on one part or on any.
+
+    Attributes
+    ----------
+    kind : int
+        Index into `KINDS`.
+    part : str or None
+    points : (n, 3) float64, mm
+    slices : (n,) int64 or None
+        The slice that each was seen in, whose shift is unknown; None where there are no slices.
+    rim : str or None
+        The opening on whose rim the points lie; None for points of the surface.
+    is_outline : bool
+        Whether they go round a body: across an opening they lie on its flat cap.
+    """
 
     kind: int
     part: str | None
     points: FloatArray
+    slices: IntArray | None = None
+    rim: str | None = None
+    is_outline: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +97,8 @@ class Data:
         All landmarks.
     patches : mapping of part (None for all) to Patch
         The model's triangles that targets are paired with.
+    capped : mapping of part (None for all) to Patch
+        The same with a fan from the centre of every opening, for outlines.
     point_weights : (P,) float64
         Of the model's points, as numbers of independent observations; sum P.
     """
@@ -89,6 +108,7 @@ class Data:
     labelled: Labelled
     patches: Mapping[str | None, Patch]
     point_weights: FloatArray
+    capped: Mapping[str | None, Patch] = field(default_factory=dict)
 
     @property
     def is_labelled_only(self) -> bool:
@@ -108,16 +128,7 @@ def prepared_data(prior: FitPrior, targets: Sequence[Target]) -> Data:
     """
     mesh = prior.model.mesh
     parts = {t.part for t in targets if not isinstance(t, LandmarkTarget)}
-    patches = {}
-    for part in parts:
-        if part is not None and part not in mesh.parts:
-            raise InputError(
-                f"part of a target: expected one of {', '.join(mesh.parts)}, found {part}"
-            )
-        faces = mesh.faces
-        if part is not None:
-            faces = mesh.faces[mesh.face_part == mesh.parts.index(part)]
-        patches[part] = open_patch(faces, len(mesh.part))
+    patches = {part: open_patch(part_faces(prior, part), len(mesh.part)) for part in parts}
     surfaces = []
     point_sets = []
     for target in targets:
@@ -137,6 +148,22 @@ def prepared_data(prior: FitPrior, targets: Sequence[Target]) -> Data:
         patches=patches,
         point_weights=prior.model.weights * len(prior.model.mean),
     )
+
+
+def part_faces(prior: FitPrior, part: str | None) -> IntArray:
+    """Return the model's triangles (F, 3) of a part, or all.
+
+    Raises
+    ------
+    InputError
+        If the model has no such part.
+    """
+    mesh = prior.model.mesh
+    if part is None:
+        return mesh.faces
+    if part not in mesh.parts:
+        raise InputError(f"part of a target: expected one of {', '.join(mesh.parts)}, found {part}")
+    return mesh.faces[mesh.face_part == mesh.parts.index(part)]
 
 
 def _prepared_surface(prior: FitPrior, target: SurfaceTarget) -> PreparedSurface:
@@ -179,8 +206,10 @@ def sparser(data: Data, count: int) -> Data:
                 sample_weight=surface.sample_weight * stride,
             )
         )
-    sets = tuple(
-        replace(item, points=item.points[:: max(len(item.points) // count, 1)])
-        for item in data.point_sets
-    )
+    sets = tuple(_thinned(item, max(len(item.points) // count, 1)) for item in data.point_sets)
     return replace(data, surfaces=tuple(surfaces), point_sets=sets)
+
+
+def _thinned(item: PointSet, stride: int) -> PointSet:
+    slices = None if item.slices is None else item.slices[::stride]
+    return replace(item, points=item.points[::stride], slices=slices)

@@ -132,7 +132,7 @@ def _fitted(prior: FitPrior, data: Data, ratio: float, chosen: FitSettings) -> S
     posterior = posterior_of(prior, data, final, chosen)
     points = placed_points(prior, final.state)[: len(prior.model.mean)]
     normals, residue, residues = measured_residues(prior, data, points)
-    used = _kinds(data)
+    used = kinds_of(data)
     covariance = posterior.point_covariance
     return ShapeFit(
         points=points,
@@ -202,7 +202,7 @@ def _nearest_vertices(points: FloatArray, queries: FloatArray) -> tuple[FloatArr
     return np.asarray(distance), np.asarray(index)
 
 
-def _kinds(data: Data) -> list[int]:
+def kinds_of(data: Data) -> list[int]:
     """Return the kinds of data that there are, as indices into `KINDS`."""
     kinds = {item.kind for item in data.point_sets}
     if data.surfaces:

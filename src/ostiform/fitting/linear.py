@@ -87,8 +87,12 @@ def linear_system(
     seen: Observations,
     use_field: bool,
     n_pose: int,
+    centre: FloatArray | None = None,
 ) -> LinearSystem:
-    """Return the linear problem of some observations of placed points (Q, 3)."""
+    """Return the linear problem of some observations of placed points (Q, 3).
+
+    The pose turns and grows about a centre (3,), that of the points unless given.
+    """
     pose = state.pose
     turned = np.ascontiguousarray(pose.scale * (seen.directions @ pose.rotation))
     field = prior.field if use_field else prior.field[:, :0]
@@ -99,8 +103,8 @@ def linear_system(
     rest = np.einsum("ni,ni->n", seen.directions, seen.goals - at)
     rows = shape_rows
     if n_pose:
-        centre = points.mean(axis=0)
-        rows = np.concatenate([shape_rows, pose_rows(at, seen.directions, centre, n_pose)], axis=1)
+        middle = points.mean(axis=0) if centre is None else centre
+        rows = np.concatenate([shape_rows, pose_rows(at, seen.directions, middle, n_pose)], axis=1)
     squared: FloatArray = np.bincount(seen.owner, rest**2, minlength=len(seen.weight)).astype(
         np.float64
     )

@@ -29,6 +29,7 @@ class ModelSurface:
     points: FloatArray
     normals: FloatArray
     trees: Mapping[str | None, SurfaceTree]
+    capped: Mapping[str | None, SurfaceTree]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +54,8 @@ class Observations:
         Index into `KINDS`.
     distance : (m,) float64, mm
         Between point and goal.
+    slice : (m,) int64
+        The slice that the goal was seen in; -1 for none.
     """
 
     corners: IntArray
@@ -64,13 +67,16 @@ class Observations:
     size: FloatArray
     kind: IntArray
     distance: FloatArray
+    slice: IntArray
 
 
 def model_surface(prior: FitPrior, data: Data, points: FloatArray) -> ModelSurface:
     """Return the model's surface (Q, 3) with its search trees, one per part that is asked for."""
     vertices = np.ascontiguousarray(points[: len(prior.model.mean)])
     trees = {part: surface_tree(vertices, patch.faces) for part, patch in data.patches.items()}
-    return ModelSurface(points, vertex_normals(vertices, prior.model.mesh.faces), trees)
+    everything = np.ascontiguousarray(points)
+    capped = {part: surface_tree(everything, patch.faces) for part, patch in data.capped.items()}
+    return ModelSurface(points, vertex_normals(vertices, prior.model.mesh.faces), trees, capped)
 
 
 class _Gatherer:
@@ -89,6 +95,7 @@ class _Gatherer:
         goals: FloatArray,
         weight: FloatArray,
         distance: FloatArray,
+        slices: IntArray | None = None,
     ) -> None:
         """Add n observations with directions (n, d, 3)."""
         n, d = directions.shape[:2]
@@ -106,6 +113,7 @@ class _Gatherer:
                 np.full(len(keep), float(d)),
                 np.full(len(keep), kind),
                 distance[keep],
+                np.full(len(keep), -1) if slices is None else slices[keep],
             )
         )
         self.count += len(keep)
@@ -117,7 +125,7 @@ class _Gatherer:
                 "a fit: expected data near the model's surface, found none; check the units, the "
                 "frame and the pose"
             )
-        joined = [np.concatenate([block[k] for block in self.blocks]) for k in range(9)]
+        joined = [np.concatenate([block[k] for block in self.blocks]) for k in range(10)]
         return Observations(
             joined[0].astype(np.int64),
             np.ascontiguousarray(joined[1]),
@@ -149,7 +157,13 @@ def observations(
         for name, curve in surface.rims.items():
             _rims(gather, prior, model, name, curve)
     for item in data.point_sets:
-        _from_points(gather, data, item, model)
+        if item.rim is not None:
+            rim = prior.model.mesh.loops[item.rim]
+            _onto_rim(gather, item.kind, model, rim, item.points, 1.0, item.slices)
+        elif item.is_outline:
+            _from_outline(gather, data, item, model)
+        else:
+            _from_points(gather, data, item, model)
     _landmarks(gather, prior, data.labelled, model)
     return gather.gathered()
 
@@ -220,6 +234,29 @@ def _from_points(gather: _Gatherer, data: Data, item: PointSet, model: ModelSurf
         item.points,
         np.ones(len(corners)),
         found.distances,
+        item.slices,
+    )
+
+
+def _from_outline(gather: _Gatherer, data: Data, item: PointSet, model: ModelSurface) -> None:
+    """Pair the outline of a body with the surface and the flat caps of its openings."""
+    patch, tree = data.capped[item.part], model.capped[item.part]
+    found = closest_points(tree, item.points)
+    corners = patch.faces[found.faces]
+    sides = model.points[corners]
+    flat = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+    on_wall = (corners < len(model.normals)).all(axis=1)
+    smooth = model.normals[np.where(on_wall[:, None], corners, 0)]
+    normals = np.einsum("nk,nki->ni", found.barycentric, smooth)
+    gather.add(
+        item.kind,
+        corners,
+        found.barycentric,
+        _unit(np.where(on_wall[:, None], normals, flat))[:, None],
+        item.points,
+        np.ones(len(corners)),
+        found.distances,
+        item.slices,
     )
 
 
@@ -252,6 +289,7 @@ def _onto_rim(
     rim: IntArray,
     points: FloatArray,
     weight: float,
+    slices: IntArray | None = None,
 ) -> None:
     own = model.points[rim]
     edge, fraction, nearest = closest_on_curve(own, points)
@@ -265,6 +303,7 @@ def _onto_rim(
         points,
         np.full(len(points), weight),
         np.linalg.norm(nearest - points, axis=1),
+        slices,
     )
 
 

@@ -1,4 +1,5 @@
 from .algebra import principal_modes as principal_modes
+from .conditioning import cycle_energies as cycle_energies
 from .corresponded import CorrespondedShapes as CorrespondedShapes
 from .corresponded import corresponded_shapes as corresponded_shapes
 from .corresponded import read_corresponded_shapes as read_corresponded_shapes
@@ -36,6 +37,7 @@ from .learning import ENOUGH_SUBJECTS as ENOUGH_SUBJECTS
 from .learning import CyclePredictor as CyclePredictor
 from .learning import fit_cycle_predictor as fit_cycle_predictor
 from .learning import pose_to_mean_cycle as pose_to_mean_cycle
+from .learning import rest_energies as rest_energies
 from .mesh import ModelMesh as ModelMesh
 from .mesh import mesh_of_template as mesh_of_template
 from .operations import marginal as marginal

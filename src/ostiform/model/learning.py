@@ -127,7 +127,7 @@ def fit_cycle_predictor(model: DynamicModel, times: Sequence[float]) -> CyclePre
             f"subjects with more phases than that, found {len(trials)}"
         )
     cycles = posed_cycles(model, given)
-    energies = _energies(model, cycles)
+    energies = rest_energies(model, cycles)
     judged = _judged(model, cycles, energies, trials)
     best = min(judged, key=lambda item: item.squared)
     left_out = np.full((3, len(model.subjects)), np.nan)
@@ -249,20 +249,27 @@ def _poses(model: DynamicModel, shapes: FloatArray, times: FloatArray) -> FloatA
     return transforms
 
 
-def _energies(model: DynamicModel, cycles: FloatArray) -> FloatArray:
+def rest_energies(model: DynamicModel, cycles: FloatArray | None = None) -> FloatArray:
     """Return the energies (R,) of the rest: what cycles depart from their mean, and a tail.
 
     The tail is what the trajectories leave of the phases (their left-out errors), shared out over
     the harmonics from half of a subject's phases up, by their fourth power (a smooth process).
+
+    Parameters
+    ----------
+    model : DynamicModel
+    cycles : (S, 2 H + 1, D) float64, mm, optional
+        Fourier coefficients in any orthonormal coordinates; default the scores.
     """
-    departures = cycle_energies(cycles - cycles.mean(axis=0))  # (H + 1,)
+    known = model.trajectories.coefficients if cycles is None else cycles
+    departures = cycle_energies(known - known.mean(axis=0))  # (H + 1,)
     errors = model.trajectories.left_out_errors
     lowest = max(1, len(model.ids) // (2 * len(model.subjects)))
     energies = np.zeros(max(len(departures), TAIL * lowest + 1))
     energies[: len(departures)] = departures
     orders = np.arange(lowest, len(energies))
-    known = np.isfinite(errors)
-    energy = float((errors[known] ** 2).mean()) if known.any() else 0.0
+    finite = np.isfinite(errors)
+    energy = float((errors[finite] ** 2).mean()) if finite.any() else 0.0
     energies[lowest:] += energy * orders**-4.0 / (orders**-4.0).sum()
     return energies
 
