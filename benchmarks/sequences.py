@@ -1,18 +1,18 @@
 """How well whole cycles of hearts never seen are fitted from what a scanner gives.
 
 ``python benchmarks/sequences.py OUT [--docs docs/sequences.md]``: a model of 800 points is built
-through all stages from the meshes of 24 generated left hearts in 6 phases (kept in OUT). Other hearts
-of the same generator are then cut into ten short-axis slices 8 mm apart and two long-axis slices,
-fixed in space over all phases; the curves get 0.7 mm of noise (independent points 2 mm apart) and
-every slice one shift in its plane of 2 mm standard deviation along each axis. Label maps of the same
-stacks have pixels of 1.4 mm. Errors are against the true meshes, mean of the two area-weighted mean
-distances, in the true frame; shifts that all slices share are a shift of the heart, and are taken off
-before shifts are compared.
+through all stages from the meshes of 24 generated left hearts in 6 phases (kept in OUT). Other
+hearts of the same generator are then cut into ten short-axis slices 8 mm apart and two long-axis
+slices, fixed in space over all phases; the curves get 0.7 mm of noise (independent points 2 mm
+apart) and every slice one shift in its plane of 2 mm standard deviation along each axis. Label maps
+of the same stacks have pixels of 1.4 mm. Errors are against the true meshes, mean of the two
+area-weighted mean distances, in the true frame; a shift that all slices share is one of the heart,
+and is taken off before shifts are compared.
 """
 
 import argparse
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,6 @@ from ostiform.evaluation import enclosed_volumes, part_volumes, surface_distance
 from ostiform.fitting import (
     ContourTarget,
     PhaseTarget,
-    SequenceSettings,
     SliceContours,
     fit_sequence,
     fit_shape,
@@ -90,7 +89,7 @@ def unseen(count, phases):
 
 
 def imaging_planes(parts):
-    """Return normal and a point of every slice: a stack from the apex up, and two along the axis."""
+    """Return normal and a point of every slice: a stack from the apex up, two along the axis."""
     ventricle, _ = parts["LV"]
     middle = ventricle.mean(axis=0)
     axis = np.linalg.svd(ventricle - middle, full_matrices=False)[2][0]
@@ -169,9 +168,7 @@ def surface_error(points, mesh, parts):
     found = [surface_distances(points[None], mesh.faces, *whole(parts))[0].mean]
     faces = mesh.faces[mesh.face_part == mesh.parts.index("LV")]
     used, own = np.unique(faces, return_inverse=True)
-    found.append(
-        surface_distances(points[None, used], own.reshape(-1, 3), *parts["LV"])[0].mean
-    )
+    found.append(surface_distances(points[None, used], own.reshape(-1, 3), *parts["LV"])[0].mean)
     return found
 
 
@@ -195,9 +192,7 @@ def judged(prior, heart, fit):
         [surface_error(p, mesh, parts) for p, parts in zip(fit.points, heart.parts, strict=True)]
     )
     inside = [
-        float(
-            (distances_to_surface(p, *whole(parts)) <= 1.96 * sd) @ prior.space.model.weights
-        )
+        float((distances_to_surface(p, *whole(parts)) <= 1.96 * sd) @ prior.space.model.weights)
         for p, sd, parts in zip(fit.points, fit.normal_sd, heart.parts, strict=True)
     ]
     volumes = part_volumes(fit.points, mesh)["LV"]
@@ -220,9 +215,9 @@ def relative_shift_error(heart, fit):
         axes = in_plane(heart.planes[found.slice][0])
         rows.append(axes)
         rest.append(axes @ (found.shift - heart.shifts[found.slice]))
-    rows, rest = np.concatenate(rows), np.concatenate(rest)
-    common = np.linalg.lstsq(rows, rest, rcond=None)[0]
-    return float(np.sqrt(((rest - rows @ common) ** 2).mean()))
+    axes, left = np.concatenate(rows), np.concatenate(rest)
+    common = np.linalg.lstsq(axes, left, rcond=None)[0]
+    return float(np.sqrt(((left - axes @ common) ** 2).mean()))
 
 
 def by_phase(prior, phases):
@@ -242,22 +237,41 @@ def main():
     chosen = parser.parse_args()
     start = clock.process_time()
     prior = sequence_prior(trained(chosen.out))
-    print("prior", clock.process_time() - start, prior.shrinkage, prior.harmonics,
-          prior.space.modes.shape, prior.space.field.shape, prior.field_variances,
-          prior.space.leftover.length, prior.space.edge, prior.space.noise_variance)
+    print(
+        "prior",
+        clock.process_time() - start,
+        prior.shrinkage,
+        prior.harmonics,
+        prior.space.modes.shape,
+        prior.space.field.shape,
+        prior.field_variances,
+        prior.space.leftover.length,
+        prior.space.edge,
+        prior.space.noise_variance,
+    )
     for heart in unseen(chosen.hearts, chosen.phases):
         phases = contoured(heart)
         start = clock.process_time()
         fit = fit_sequence(prior, phases)
         seconds = clock.process_time() - start
-        print({k: round(float(v), 3) for k, v in judged(prior, heart, fit).items()},
-              round(seconds, 2), fit.status.name, fit.iterations, fit.noise_mm, fit.notes,
-              fit.pose_sd, flush=True)
+        print(
+            {k: round(float(v), 3) for k, v in judged(prior, heart, fit).items()},
+            round(seconds, 2),
+            fit.status.name,
+            fit.iterations,
+            fit.noise_mm,
+            fit.notes,
+            fit.pose_sd,
+            flush=True,
+        )
         mesh = prior.space.model.mesh
         plain = by_phase(prior, phases)
         errors = [surface_error(p, mesh, q) for p, q in zip(plain, heart.parts, strict=True)]
-        print("   by phase", np.mean(errors, axis=0),
-              abs(ejection(part_volumes(plain, mesh)["LV"]) - ejection(true_volumes(heart))))
+        print(
+            "   by phase",
+            np.mean(errors, axis=0),
+            abs(ejection(part_volumes(plain, mesh)["LV"]) - ejection(true_volumes(heart))),
+        )
 
 
 if __name__ == "__main__":

@@ -9,6 +9,10 @@ from .leftover import leftover_of_spectrum as leftover_of_spectrum
 from .posterior import shape_deviations as shape_deviations
 from .prior import FitPrior as FitPrior
 from .prior import fit_prior as fit_prior
+from .sequence_files import SequenceFiles as SequenceFiles
+from .sequence_files import SequenceRules as SequenceRules
+from .sequence_files import parsed_labels as parsed_labels
+from .sequence_files import read_sequence as read_sequence
 from .sequence_fit import cycle_at as cycle_at
 from .sequence_fit import cycle_deviations_at as cycle_deviations_at
 from .sequence_fit import drawn_cycles as drawn_cycles

@@ -163,7 +163,8 @@ def part_faces(prior: FitPrior, part: str | None) -> IntArray:
         return mesh.faces
     if part not in mesh.parts:
         raise InputError(f"part of a target: expected one of {', '.join(mesh.parts)}, found {part}")
-    return mesh.faces[mesh.face_part == mesh.parts.index(part)]
+    faces: IntArray = mesh.faces[mesh.face_part == mesh.parts.index(part)]
+    return faces
 
 
 def _prepared_surface(prior: FitPrior, target: SurfaceTarget) -> PreparedSurface:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ostiform.arrays import FloatArray, IntArray
+from ostiform.arrays import BoolArray, FloatArray, IntArray
 from ostiform.errors import InputError
 from ostiform.fitting.data import LANDMARKS, RIMS, SURFACE, Data, PointSet, PreparedSurface
 from ostiform.fitting.landmarks import Labelled
@@ -83,7 +83,7 @@ class _Gatherer:
     """Collects blocks of observations of equal size."""
 
     def __init__(self) -> None:
-        self.blocks: list[tuple[FloatArray, ...]] = []
+        self.blocks: list[tuple[FloatArray | IntArray, ...]] = []
         self.count = 0
 
     def add(
@@ -245,7 +245,7 @@ def _from_outline(gather: _Gatherer, data: Data, item: PointSet, model: ModelSur
     corners = patch.faces[found.faces]
     sides = model.points[corners]
     flat = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
-    on_wall = (corners < len(model.normals)).all(axis=1)
+    on_wall: BoolArray = np.all(corners < len(model.normals), axis=1)
     smooth = model.normals[np.where(on_wall[:, None], corners, 0)]
     normals = np.einsum("nk,nki->ni", found.barycentric, smooth)
     gather.add(

@@ -32,8 +32,8 @@ class Slices:
     names : tuple of str
         Of the G slices that can be shifted.
     normals : (G, 3) float64
-    axes : (G, 2, 3) float64
-        Two unit vectors in each plane.
+    axes : (G, 3, 3) float64
+        Two unit vectors in each plane, then its normal.
     """
 
     names: tuple[str, ...]
@@ -58,9 +58,7 @@ class SequenceData:
     slices: Slices
 
 
-def prepared_sequence(
-    space: FitPrior, phases: Sequence[PhaseTarget], shifts: bool
-) -> SequenceData:
+def prepared_sequence(space: FitPrior, phases: Sequence[PhaseTarget], shifts: bool) -> SequenceData:
     """Prepare phases for pairing with a beating model.
 
     Parameters
@@ -75,7 +73,7 @@ def prepared_sequence(
     InputError
         If a part or an opening is not of the model.
     """
-    slices = _slices(phases) if shifts else Slices((), np.zeros((0, 3)), np.zeros((0, 2, 3)))
+    slices = _slices(phases) if shifts else Slices((), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     place = {name: index for index, name in enumerate(slices.names)}
     prepared = tuple(_prepared_phase(space, phase, place) for phase in phases)
     times = np.array([phase.time for phase in phases]) % 1.0
@@ -127,7 +125,7 @@ def _prepared_phase(space: FitPrior, phase: PhaseTarget, place: Mapping[str, int
             capped[item.part] = _capped(space, patches[item.part])
         step = SAMPLE_EDGES * space.edge
         samples = [
-            curve if item.opening else curve_samples(curve, step)
+            curve if item.opening else curve_samples(curve, max(step, _spacing(curve)))
             for curve in item.curves
             if len(curve)
         ]
@@ -143,6 +141,12 @@ def _prepared_phase(space: FitPrior, phase: PhaseTarget, place: Mapping[str, int
             )
         )
     return replace(data, point_sets=tuple(sets), patches=patches, capped=capped)
+
+
+def _spacing(curve: FloatArray) -> float:
+    """Return how far apart the points of a curve are: between them nothing new was measured."""
+    lengths = np.linalg.norm(np.diff(curve, axis=0), axis=1)
+    return float(np.median(lengths)) if len(lengths) else 0.0
 
 
 def _capped(space: FitPrior, patch: Patch) -> Patch:
@@ -177,7 +181,5 @@ def _slices(phases: Sequence[PhaseTarget]) -> Slices:
         if width > SPREAD * size and off < max(FLAT_MM, FLAT_SHARE * size):
             names.append(name)
             normals.append(turn[2])
-            axes.append(turn[:2])
-    return Slices(
-        tuple(names), np.array(normals).reshape(-1, 3), np.array(axes).reshape(-1, 2, 3)
-    )
+            axes.append(turn)
+    return Slices(tuple(names), np.array(normals).reshape(-1, 3), np.array(axes).reshape(-1, 3, 3))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ostiform.arrays import FloatArray
+from ostiform.arrays import BoolArray, FloatArray
 from ostiform.fitting.fit import CLEARLY_NEARER, fit_shape
 from ostiform.fitting.sequence_data import SequenceData, Slices, single_targets
 from ostiform.fitting.sequence_distances import Distances, data_distances
@@ -19,7 +19,7 @@ from ostiform.fitting.types import ShapeFit, all_positions
 APART = 3.0
 """A slice or phase this many times further from the surface than the median one does not belong."""
 
-LEAST_APART = 0.3
+LEAST_APART = 0.15
 """In edges of the model: nearer data are never in doubt."""
 
 TURNED_DEG = 60.0
@@ -76,9 +76,7 @@ def _turned(first: ShapeFit) -> list[str]:
     ]
 
 
-def _slices_apart(
-    prior: SequencePrior, data: SequenceData, distances: Distances
-) -> list[str]:
+def _slices_apart(prior: SequencePrior, data: SequenceData, distances: Distances) -> list[str]:
     names = data.slices.names
     if len(names) < FEWEST_PARALLEL:
         return []
@@ -86,11 +84,14 @@ def _slices_apart(
     usual = float(np.median(apart))
     limit = max(APART * usual, LEAST_APART * prior.space.edge)
     far = [int(k) for k in np.flatnonzero(apart > limit)]
-    if len(far) == 2 and abs(float(data.slices.normals[far[0]] @ data.slices.normals[far[1]])) > PARALLEL:
+    if (
+        len(far) == 2
+        and abs(float(data.slices.normals[far[0]] @ data.slices.normals[far[1]])) > PARALLEL
+    ):
         return [
-            f"slices {names[far[0]]} and {names[far[1]]}: their curves stay {apart[far[0]]:.1f} and "
-            f"{apart[far[1]]:.1f} mm from the fitted surface, those of the others {usual:.1f} mm: "
-            "check whether they were exchanged"
+            f"slices {names[far[0]]} and {names[far[1]]}: their curves stay {apart[far[0]]:.1f} "
+            f"and {apart[far[1]]:.1f} mm from the fitted surface, those of the others "
+            f"{usual:.1f} mm: check whether they were exchanged"
         ]
     return [
         f"slice {names[k]}: its curves stay {apart[k]:.1f} mm from the fitted surface, those of "
@@ -186,7 +187,9 @@ def _two_hearts(
         fit_shape(prior.space, single_targets(phases[k]), FitSettings(pose="near")) for k in chosen
     ]
     spread = np.sqrt(prior.space.model.variances[: prior.mean.shape[1]])
-    own = np.stack([fit.scores[: prior.mean.shape[1]] for fit in fits]) - design @ prior.mean * spread
+    own = (
+        np.stack([fit.scores[: prior.mean.shape[1]] for fit in fits]) - design @ prior.mean * spread
+    )
     groups = _divided(own)
     apart = ", ".join(phases[k].name for k, other in zip(chosen, groups, strict=True) if other)
     rest = ", ".join(phases[k].name for k, other in zip(chosen, groups, strict=True) if not other)
@@ -197,11 +200,11 @@ def _two_hearts(
     ]
 
 
-def _divided(rows: FloatArray) -> FloatArray:
+def _divided(rows: FloatArray) -> BoolArray:
     """Return which rows (n, K) lie beyond the widest gap along their principal axis; the fewer."""
     centred = rows - rows.mean(axis=0)
     along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     order = np.argsort(along)
     gap = int(np.diff(along[order]).argmax())
-    beyond = along > 0.5 * (along[order[gap]] + along[order[gap + 1]])
+    beyond: BoolArray = along > 0.5 * (along[order[gap]] + along[order[gap + 1]])
     return beyond if beyond.sum() <= len(rows) / 2 else ~beyond

@@ -27,7 +27,6 @@ from ostiform.fitting.sequence_solver import (
     FINE_ITERATIONS,
     SequenceSolution,
     phase_points,
-    slice_moves,
     solve_sequence,
     starting_state,
     thinner,
@@ -52,8 +51,8 @@ def fit_sequence(
     The posterior of pose, cycle (modes over time, and a smooth field beyond them), and one shift in
     its plane for every slice, jointly: the pose of the phase with most data starts it
     (`fit_shape`), the mean cycle in it is improved with the modes alone, then all unknowns are
-    solved for together, data paired anew in every iteration. Phases and slices may be missing, times
-    uneven. Deterministic.
+    solved for together, data paired anew in every iteration. Phases and slices may be missing,
+    times uneven. Deterministic.
 
     Parameters
     ----------
@@ -194,7 +193,6 @@ def _result(
         normal.append(along)
         overall.append(whole)
     distances = data_distances(prior, data, state)
-    moves = slice_moves(data, state)
     coefficients = np.zeros((len(state.modes), n_modes + state.field.shape[1]))
     coefficients[:, :n_modes] = state.modes
     coefficients[: len(state.field), n_modes:] = state.field
@@ -222,8 +220,9 @@ def _result(
             SliceShift(
                 slice=name,
                 normal=data.slices.normals[index],
-                shift=moves[index],
-                sd=float(np.sqrt((shift_sd[index] ** 2).mean())),
+                shift=state.shifts[index, :2] @ data.slices.axes[index, :2],
+                through=float(state.shifts[index, 2]),
+                sd=float(np.sqrt((shift_sd[index, :2] ** 2).mean())),
                 residue=distances.of_slice(index),
             )
             for index, name in enumerate(data.slices.names)

@@ -24,7 +24,7 @@ from ostiform.fitting.sequence_solver import (
 )
 from ostiform.fitting.sequence_types import SequenceFit
 from ostiform.fitting.settings import FitSettings
-from ostiform.fitting.typical import FieldEnergy, field_scale
+from ostiform.fitting.typical import FieldEnergy
 from ostiform.surface import vertex_normals
 
 
@@ -59,8 +59,8 @@ def sequence_posterior(
 ) -> SequencePosterior:
     """Return the posterior distribution at a solution with the field.
 
-    The field's variance is what this shape and the training subjects make likely, as for a single
-    shape (`ostiform.fitting.typical.field_scale`).
+    The variances of modes and field are those that the solution found likely for this cycle; how
+    typical it is, is judged by the prior's own.
     """
     space, state = prior.space, solution.state
     n_modes, n_field = state.modes.shape[1], state.field.shape[1]
@@ -72,7 +72,7 @@ def sequence_posterior(
     of_data, _ = normal_equations(
         prior, data, at, weights / noise[at.seen.kind] ** 2, (n_modes, n_field)
     )
-    of_prior, _ = prior_terms(prior, state, settings, shift_sd, space.size)
+    of_prior, _ = prior_terms(prior, state, settings, shift_sd)
     plain = _root(of_data + of_prior)
     first, last = state.modes.size, state.modes.size + state.field.size
     variances = np.repeat(prior.field_variances, n_field)
@@ -85,8 +85,7 @@ def sequence_posterior(
         prior=total,
         dof=total**2 / max(float((variances**2).sum()), 1e-300),
     )
-    scale = field_scale(space, energy)
-    of_prior, _ = prior_terms(prior, state, settings, shift_sd, space.size, scale)
+    of_prior, _ = prior_terms(prior, state, settings, shift_sd, solution.scales)
     far = at.squared > 9.0 * at.seen.size * noise[at.seen.kind] ** 2
     own = plain[:n_modes]
     spread = np.linalg.inv(prior.precision)[:n_modes, :n_modes]
@@ -152,7 +151,7 @@ def fit_state(prior: SequencePrior, fit: SequenceFit) -> SequenceState:
         fit.pose,
         fit.coefficients[:, :n_modes],
         fit.coefficients[:n_slow, n_modes:],
-        np.zeros((len(fit.shifts), 2)),
+        np.zeros((len(fit.shifts), 3)),
     )
 
 

@@ -31,8 +31,8 @@ ENOUGH_MOTION = 0.998
 """Harmonics are taken until this share of the motion's energy is held."""
 
 MOST_HARMONICS = 6
-FIELD_HARMONICS = 3
-"""Of what cycles have beyond the modes."""
+FIELD_HARMONICS, ENOUGH_FIELD = 3, 0.98
+"""Of what cycles have beyond the modes; fewer where they hold this share of its energy."""
 
 SHRINKAGES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 """Candidates of the independent covariance's share."""
@@ -103,16 +103,17 @@ def sequence_prior(stored: StoredModel) -> SequencePrior:
     n_modes = space.modes.shape[2]
     energies = rest_energies(dynamic)
     harmonics = _harmonics(dynamic)
-    spread = np.sqrt(space.leftover.growth * dynamic.total.variances[:n_modes])
+    spread: FloatArray = np.sqrt(space.leftover.growth * dynamic.total.variances[:n_modes])
     cycles = _coefficients(dynamic, harmonics)[:, :, :n_modes] / spread  # (S, T, K)
     mean = cycles.mean(axis=0)
     tail = _tail(dynamic, energies, harmonics, n_modes) / spread**2  # (H + 1, K)
     if len(cycles) < FEWEST_SUBJECTS:
         variances = _as_motion(mean)
-        precision, share = np.diag(1.0 / variances.ravel()), 1.0
+        precision = np.diag(1.0 / variances.ravel())
+        share = 1.0
     else:
         share = _likeliest_share(cycles, tail)
-        precision = np.linalg.inv(_covariance(cycles, tail, share))
+        precision = np.asarray(np.linalg.inv(_covariance(cycles, tail, share)), dtype=np.float64)
     return SequencePrior(
         space=space,
         mean=mean,
@@ -135,12 +136,10 @@ def _coefficients(dynamic: DynamicModel, harmonics: int) -> FloatArray:
 def _harmonics(dynamic: DynamicModel) -> int:
     moving = cycle_energies(dynamic.trajectories.coefficients)[1:]
     held = np.cumsum(moving) / max(float(moving.sum()), np.finfo(np.float64).tiny)
-    return int(min(np.searchsorted(held, ENOUGH_MOTION) + 1, MOST_HARMONICS, len(held)))
+    return min(int(np.searchsorted(held, ENOUGH_MOTION)) + 1, MOST_HARMONICS, len(held))
 
 
-def _tail(
-    dynamic: DynamicModel, energies: FloatArray, harmonics: int, n_modes: int
-) -> FloatArray:
+def _tail(dynamic: DynamicModel, energies: FloatArray, harmonics: int, n_modes: int) -> FloatArray:
     """Return the variance (H + 1, K), mm^2, of motion that the training phases cannot resolve.
 
     Its energies by harmonic are those that the trajectories leave of their phases, shared out over
@@ -221,7 +220,9 @@ def _field_variances(dynamic: DynamicModel, harmonics: int) -> FloatArray:
         shares[0] = 1.0
         shares[1:] = moving / max(float(moving.sum()), np.finfo(np.float64).tiny)
     shares /= shares.sum()
-    return np.repeat(shares, [1, *[2] * highest])
+    highest = int(np.searchsorted(np.cumsum(shares), ENOUGH_FIELD))
+    shares[highest] = shares[highest:].sum()
+    return np.repeat(shares[: highest + 1], [1, *[2] * highest])
 
 
 def _beyond(cycles: FloatArray, others: FloatArray, index: int) -> FloatArray:
@@ -233,13 +234,3 @@ def _beyond(cycles: FloatArray, others: FloatArray, index: int) -> FloatArray:
     own[0] -= mean
     rest: FloatArray = own - own @ directions.T @ directions
     return rest
-
-
-def weak_sequence_prior(prior: SequencePrior, enough: int) -> str | None:
-    """Return the sentence that says that there were too few training subjects, if so."""
-    if prior.subjects >= enough:
-        return None
-    return (
-        f"the prior is weak: expected at least {enough} training subjects, found {prior.subjects}; "
-        "where there are no data the fit is hardly more than the mean motion"
-    )

@@ -5,7 +5,9 @@ from typing import Annotated, TypeAlias
 
 from ostiform.arrays import FloatArray
 from ostiform.errors import InputError
-from ostiform.fitting.types import FitStatus, Pose, SurfaceDistance, Target, Typicality
+from ostiform.fitting.settings import PoseKnowledge
+from ostiform.fitting.types import FitStatus, Pose, Target, Typicality
+from ostiform.surface import SurfaceDistance
 from ostiform.values import AtLeast, Axes, value
 
 
@@ -79,11 +81,12 @@ class SequenceSettings:
     noise_mm : float or None
         Standard deviation of each coordinate of the data; None estimates it.
     shift_sd_mm : float
-        Standard deviation of a slice's shift along each axis of its plane; 0 for none. The default
-        is about what is published for breath-holds (1.8 mm of misalignment on average).
+        Standard deviation of a slice's shift along each axis of its plane (half of it
+        through the plane); 0 for none. The default is about what is published for breath-holds
+        (1.8 mm of misalignment on average).
     """
 
-    pose: str = "near"
+    pose: PoseKnowledge = "near"
     noise_mm: float | None = None
     shift_sd_mm: Annotated[float, AtLeast(0)] = 2.0
 
@@ -98,7 +101,9 @@ class SliceShift:
     normal : (3,) float64
         Of the plane, in the frame of the data.
     shift : (3,) float64, mm
-        What was seen is where it is plus this.
+        In the plane; what was seen is where it is plus this.
+    through : float, mm
+        Along the normal.
     sd : float, mm
         Standard deviation along an axis of the plane, root mean square of both.
     residue : float, mm
@@ -108,17 +113,9 @@ class SliceShift:
     slice: str
     normal: Annotated[FloatArray, Axes(3)]
     shift: Annotated[FloatArray, Axes(3)]
+    through: float
     sd: float
     residue: float
-
-
-@value
-class Curve:
-    """A number over the cycle, with its 95 % interval."""
-
-    mean: Annotated[FloatArray, Axes("T")]
-    low: Annotated[FloatArray, Axes("T")]
-    high: Annotated[FloatArray, Axes("T")]
 
 
 @value

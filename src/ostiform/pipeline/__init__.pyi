@@ -24,6 +24,9 @@ from .prediction import write_prediction as write_prediction
 from .report import report_results as report_results
 from .report import state_view as state_view
 from .run import Ready as Ready
+from .sequence import SequenceCurves as SequenceCurves
+from .sequence import sequence_curves as sequence_curves
+from .sequence import write_sequence as write_sequence
 from .statistics import EffectResult as EffectResult
 from .statistics import Question as Question
 from .statistics import shape_question as shape_question

@@ -6,6 +6,14 @@ from .field_arrays import stated_fields as stated_fields
 from .field_arrays import surface_fields as surface_fields
 from .field_arrays import values_at as values_at
 from .field_arrays import with_fields as with_fields
+from .frames import Frames as Frames
+from .frames import places_in_cycle as places_in_cycle
+from .label_schemes import known_labels as known_labels
+from .labelmaps import LabelMap as LabelMap
+from .labelmaps import is_label_map as is_label_map
+from .labelmaps import label_mask as label_mask
+from .labelmaps import read_frames as read_frames
+from .labelmaps import read_label_map as read_label_map
 from .layout_names import LayoutCircle as LayoutCircle
 from .markups import read_markups as read_markups
 from .name_fields import filled_name as filled_name

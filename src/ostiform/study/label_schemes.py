@@ -182,3 +182,29 @@ def _unnamed(label_map: LabelMap, present: Sequence[int]) -> LabelParts:
         else:
             parts[f"label{value}"] = value
     return LabelParts(parts, tuple(notes))
+
+
+def known_labels(
+    label_map: LabelMap, name: str, parts: Sequence[str]
+) -> dict[str, tuple[int | str, ...]]:
+    """Return the labels of some parts in a label map, as far as names or values tell.
+
+    Parameters
+    ----------
+    label_map : LabelMap
+    name : str
+        Of its file.
+    parts : sequence of str
+        A map of one label is the only part.
+    """
+    values = np.unique(label_map.labels)
+    values = values[values != 0]
+    if len(parts) == 1 and len(values) == 1 and not label_map.further:
+        return {parts[0]: (int(values[0]),)}
+    found = label_parts(label_map, name).values
+    known: dict[str, tuple[int | str, ...]] = {}
+    for part in parts:
+        own = next((v for p, v in found.items() if p.casefold() == part.casefold()), None)
+        if own is not None:
+            known[part] = own if isinstance(own, tuple) else (own,)
+    return known
