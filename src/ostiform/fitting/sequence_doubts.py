@@ -11,7 +11,7 @@ from ostiform.fitting.fit import CLEARLY_NEARER, fit_shape
 from ostiform.fitting.sequence_data import SequenceData, Slices, single_targets
 from ostiform.fitting.sequence_distances import Distances, data_distances
 from ostiform.fitting.sequence_prior import SequencePrior
-from ostiform.fitting.sequence_solver import SequenceState
+from ostiform.fitting.sequence_solver import SequenceSolution
 from ostiform.fitting.sequence_types import PhaseTarget, SliceContours
 from ostiform.fitting.settings import FitSettings
 from ostiform.fitting.types import ShapeFit, all_positions
@@ -31,6 +31,9 @@ FEWEST_PARALLEL = 3
 NOT_ONE_HEART = 1.8
 """The whole cycle this many times further from the data than one phase alone."""
 
+UNLIKELY = 4.0
+"""A cycle whose squared deviation from the mean is this many times the expected one."""
+
 LOOKED_AT = 8
 """Phases that are fitted by themselves where they make no one heart, at most."""
 
@@ -39,7 +42,7 @@ def doubts(
     prior: SequencePrior,
     data: SequenceData,
     phases: Sequence[PhaseTarget],
-    state: SequenceState,
+    solution: SequenceSolution,
     first: ShapeFit,
 ) -> tuple[str, ...]:
     """Return what may be wrong with the data.
@@ -50,17 +53,23 @@ def doubts(
     data : SequenceData
     phases : sequence of PhaseTarget
         In the order of the data.
-    state : SequenceState
+    solution : SequenceSolution
         Where the fit ended.
     first : ShapeFit
         Of the phase with most data alone.
     """
-    distances = data_distances(prior, data, state)
+    distances = data_distances(prior, data, solution.state)
     found = [*_turned(first), *_slices_apart(prior, data, distances)]
     found += _phases_apart(prior, phases, distances)
     is_far = distances.median > LEAST_APART * prior.space.edge
     if is_far or found:
         found += _reversed(prior, data.slices, phases, distances)
+    excess = solution.scales[0]
+    if excess > UNLIKELY and len(phases) > 1:
+        found.append(
+            f"the cycle is {np.sqrt(excess):.1f} times as far from the mean cycle as those of the "
+            "training subjects: check that all phases are of one patient, and their times"
+        )
     if is_far and distances.median > NOT_ONE_HEART * first.residues.median:
         found += _two_hearts(prior, phases, distances, first)
     return tuple(found)

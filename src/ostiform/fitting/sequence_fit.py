@@ -95,7 +95,7 @@ def fit_sequence(
     )
     posterior = sequence_posterior(prior, data, final, single, chosen.shift_sd_mm)
     fit = _result(prior, data, ordered, final, posterior, single)
-    found = doubts(prior, data, ordered, final.state, first)
+    found = doubts(prior, data, ordered, final, first)
     return replace(fit, notes=(*first.notes, *found, *fit.notes))
 
 
