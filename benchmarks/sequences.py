@@ -1,6 +1,6 @@
 """How well whole cycles of hearts never seen are fitted from what a scanner gives.
 
-``python benchmarks/sequences.py OUT [--docs docs/sequences.md]``: a model of 800 points is built
+``python benchmarks/sequences.py OUT [--docs docs/fitting.md]``: a model of 800 points is built
 through all stages from the meshes of 24 generated left hearts in 6 phases (kept in OUT). Other
 hearts of the same generator are then cut into ten short-axis slices 8 mm apart and two long-axis
 slices, fixed in space over all phases; the curves get 0.7 mm of noise (independent points 2 mm
@@ -11,12 +11,14 @@ and is taken off before shifts are compared.
 """
 
 import argparse
+import sys
 import time as clock
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyvista
+from matplotlib.path import Path as MarkedPath
 
 from benchmarks.populations import family
 from ostiform.demo.contouring import canonical_points, extract
@@ -25,11 +27,13 @@ from ostiform.evaluation import enclosed_volumes, part_volumes, surface_distance
 from ostiform.fitting import (
     ContourTarget,
     PhaseTarget,
+    SequenceSettings,
     SliceContours,
     fit_sequence,
     fit_shape,
     sequence_prior,
 )
+from ostiform.fitting.label_contours import label_outlines
 from ostiform.model import read_model
 from ostiform.pipeline import Stage, build_study
 from ostiform.study import read_study
@@ -39,6 +43,8 @@ TRAINING, TRAINING_PHASES, SEED = 24, 6, 31
 EDGE_MM, POINTS = 3.2, 800
 SHORT_AXIS, SPACING_MM = 10, 8.0
 NOISE_MM, SHIFT_MM, STEP_MM = 0.7, 2.0, 2.0
+PIXEL_MM, PIXELS = 1.4, 140
+MARK = "<!-- sequences -->"
 
 
 @dataclass(frozen=True)
@@ -229,49 +235,106 @@ def by_phase(prior, phases):
     return np.stack(shapes)
 
 
+def labelled(heart):
+    """Return the phases of a heart as the outlines of label maps of its slices, shifted."""
+    phases = []
+    for number, (time, parts) in enumerate(zip(heart.times, heart.parts, strict=True)):
+        items = []
+        for view, (normal, origin) in heart.planes.items():
+            for part, surface in parts.items():
+                mask, affine = label_of(surface, normal, origin)
+                affine[:3, 3] += heart.shifts[view]
+                items += label_outlines(mask, affine, view, part)
+        phases.append(PhaseTarget(float(time), tuple(items), f"{number:02d}"))
+    return phases
+
+
+def label_of(surface, normal, origin):
+    """Return the pixels of a slice inside a surface whose openings are closed, and their affine."""
+    axes = in_plane(normal)
+    corner = origin - 0.5 * PIXELS * PIXEL_MM * axes.sum(axis=0)
+    vertices, faces = surface
+    fans, centres = [faces], []
+    for k, loop in enumerate(boundary_loops(faces)):
+        centres.append(vertices[loop].mean(axis=0))
+        after = np.roll(loop, -1)
+        fans.append(np.stack([after, loop, np.full(len(loop), len(vertices) + k)], axis=1))
+    closed = np.concatenate([vertices, *(centre[None] for centre in centres)])
+    mask = np.zeros((PIXELS, PIXELS), dtype=bool)
+    grid = np.stack(np.meshgrid(*[np.arange(PIXELS)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    for curve in cut((closed, np.concatenate(fans)), normal, origin):
+        pixels = (curve - corner) @ axes.T / PIXEL_MM
+        mask ^= MarkedPath(pixels).contains_points(grid).reshape(mask.shape)
+    affine = np.eye(4)
+    affine[:3, 0], affine[:3, 1] = PIXEL_MM * axes[0], PIXEL_MM * axes[1]
+    affine[:3, 2], affine[:3, 3] = SPACING_MM * normal, corner
+    return mask[:, :, None], affine
+
+
+def rows(prior, hearts):
+    """Yield the name of a way to fit and its errors, means over hearts."""
+    mesh = prior.space.model.mesh
+    found: dict[str, list[dict[str, float]]] = {}
+    for heart in hearts:
+        phases = contoured(heart)
+        ways = (
+            ("contours, shifts solved for", phases, SHIFT_MM),
+            ("contours, without shifts", phases, 0.0),
+            ("label maps, shifts solved for", labelled(heart), SHIFT_MM),
+        )
+        for name, given, sd in ways:
+            start = clock.process_time()
+            fit = fit_sequence(prior, given, SequenceSettings(shift_sd_mm=sd))
+            errors = judged(prior, heart, fit)
+            found.setdefault(name, []).append({**errors, "seconds": clock.process_time() - start})
+        plain = by_phase(prior, phases)
+        apart = [surface_error(p, mesh, q) for p, q in zip(plain, heart.parts, strict=True)]
+        volumes = part_volumes(plain, mesh)["LV"]
+        found.setdefault("contours, phase by phase", []).append(
+            {
+                "surface": float(np.mean(apart, axis=0)[0]),
+                "ventricle": float(np.mean(apart, axis=0)[1]),
+                "ejection": abs(ejection(volumes) - ejection(true_volumes(heart))),
+            }
+        )
+        print({k: v[-1] for k, v in found.items()}, file=sys.stderr, flush=True)
+    for name, errors in found.items():
+        yield name, {key: float(np.mean([e[key] for e in errors])) for key in errors[0]}
+
+
+def table(prior, hearts, phases):
+    lines = [
+        f"{len(hearts)} unseen hearts in {phases} phases, prior of {prior.subjects} subjects:",
+        "",
+        "| data | whole surface mm | ventricle mm | ejection fraction points | shifts mm "
+        "| inside 95 % interval | CPU s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, e in rows(prior, hearts):
+        shift = f"{e['shift']:.2f}" if np.isfinite(e.get("shift", np.nan)) else ""
+        inside = f"{e['inside']:.0%}" if "inside" in e else ""
+        seconds = f"{e['seconds']:.1f}" if "seconds" in e else ""
+        lines.append(
+            f"| {name} | {e['surface']:.2f} | {e['ventricle']:.2f} | {e['ejection']:.1f} "
+            f"| {shift} | {inside} | {seconds} |"
+        )
+    return "\n".join(lines)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--hearts", type=int, default=4)
     parser.add_argument("--phases", type=int, default=8)
+    parser.add_argument("--docs", type=Path, help="page whose place for the table is filled")
     chosen = parser.parse_args()
-    start = clock.process_time()
     prior = sequence_prior(trained(chosen.out))
-    print(
-        "prior",
-        clock.process_time() - start,
-        prior.shrinkage,
-        prior.harmonics,
-        prior.space.modes.shape,
-        prior.space.field.shape,
-        prior.field_variances,
-        prior.space.leftover.length,
-        prior.space.edge,
-        prior.space.noise_variance,
-    )
-    for heart in unseen(chosen.hearts, chosen.phases):
-        phases = contoured(heart)
-        start = clock.process_time()
-        fit = fit_sequence(prior, phases)
-        seconds = clock.process_time() - start
-        print(
-            {k: round(float(v), 3) for k, v in judged(prior, heart, fit).items()},
-            round(seconds, 2),
-            fit.status.name,
-            fit.iterations,
-            fit.noise_mm,
-            fit.notes,
-            fit.pose_sd,
-            flush=True,
-        )
-        mesh = prior.space.model.mesh
-        plain = by_phase(prior, phases)
-        errors = [surface_error(p, mesh, q) for p, q in zip(plain, heart.parts, strict=True)]
-        print(
-            "   by phase",
-            np.mean(errors, axis=0),
-            abs(ejection(part_volumes(plain, mesh)["LV"]) - ejection(true_volumes(heart))),
-        )
+    text = table(prior, list(unseen(chosen.hearts, chosen.phases)), chosen.phases)
+    print(text)
+    if chosen.docs is not None:
+        before, _, rest = chosen.docs.read_text("utf-8").partition(MARK)
+        after = rest.partition(MARK)[2] if MARK in rest else rest
+        chosen.docs.write_text(f"{before}{MARK}\n\n{text}\n\n{MARK}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
