@@ -18,6 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.populations import EDGES_MM, family
+from benchmarks.spoiling import spoiled
 from ostiform.arrays import FloatArray
 from ostiform.artifacts import load
 from ostiform.correspondence import (
@@ -55,6 +56,8 @@ class CaseName:
         Of the template.
     permuted : bool
         Whether the files come in another order.
+    noise_mm, cuts_mm : float
+        See `spoiling.spoiled`.
     """
 
     family: str
@@ -63,12 +66,16 @@ class CaseName:
     seed: int
     points: int
     permuted: bool = False
+    noise_mm: float = 0.0
+    cuts_mm: float = 0.0
 
     @property
     def folder(self) -> str:
         """Folder of the population in the cache; the points play no part in it."""
         order = "-permuted" if self.permuted else ""
-        return f"{self.family}-{self.subjects}x{self.phases}-seed{self.seed}{order}"
+        spoilt = f"-noise{self.noise_mm:g}" if self.noise_mm else ""
+        spoilt += f"-cuts{self.cuts_mm:g}" if self.cuts_mm else ""
+        return f"{self.family}-{self.subjects}x{self.phases}-seed{self.seed}{order}{spoilt}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,6 +140,7 @@ def prepared(cache: Path, name: CaseName) -> Path:
     if not (folder / COSTS).exists():
         truth = family(name.family, name.subjects, name.phases, name.seed)
         study = write_population(folder, truth, EDGES_MM[name.family])
+        spoiled(folder, truth, name.noise_mm, name.cuts_mm)
         if name.permuted:
             permute_sheet(folder / "shapes.csv", name.seed)
         costs = in_new_process(_embedded, study, folder / "out")

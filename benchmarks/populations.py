@@ -5,8 +5,14 @@ Run from the repository root:
 
 Families: ``atria`` (an LA alone, five openings, 2.4 mm mean edge), ``ventricle`` (two openings,
 strongly asymmetric), ``one-mode`` (atria that differ by one displacement field times a number:
-exactly one true mode), ``left-hearts`` (two parts, coarser than the demonstration's). Every
-parameter is in the folder's ``truth/truth.json``.
+exactly one true mode), ``left-hearts`` (two parts, coarser than the demonstration's). Further ones
+do not move as smoothly as the objective's prior expects: ``free-vessels`` (veins that slide over
+their atrium, each by itself and in its own time), ``growth`` (a few places grow, the rest does
+not), ``torsion`` (a ventricle with three pouches, which show how it turns), ``articulated`` (two
+bodies that bend and turn against each other at a joint), ``rough`` (subjects that differ in many
+small places). No constant was chosen on the last two. ``--noise`` adds noise to the vertices and
+``--cuts`` cuts the vessels shorter, each at random. Every parameter is in the folder's
+``truth/truth.json``.
 """
 
 import argparse
@@ -14,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.spoiling import spoiled
 from ostiform.demo.deformation import Deformation
 from ostiform.demo.demonstration import demonstration_truth, write_population
 from ostiform.demo.implicit import Anatomy, Cut, Ellipsoid, Tube
@@ -21,7 +28,19 @@ from ostiform.demo.spacemaps import Affine, Axial, Bumps, TubeWarp
 from ostiform.demo.truth import Truth
 from ostiform.study.shape import ShapeId
 
-EDGES_MM = {"atria": 2.4, "ventricle": 2.2, "one-mode": 2.4, "left-hearts": 2.6}
+EDGES_MM = {
+    "atria": 2.4,
+    "ventricle": 2.2,
+    "one-mode": 2.4,
+    "left-hearts": 2.6,
+    "free-vessels": 2.4,
+    "growth": 2.4,
+    "torsion": 2.4,
+    "articulated": 2.4,
+    "rough": 2.4,
+}
+HELD_OUT = ("articulated", "rough")
+"""Families that no constant of the correspondence was chosen on: they are run last."""
 
 
 def unit(vector):
@@ -152,6 +171,131 @@ def one_mode(subjects, seed):
     return Truth(seed, anatomy, deformations)
 
 
+SMALL_MM = 11.0
+"""Radius of the regions that move by themselves in families without a smooth prior."""
+
+POUCHES = (
+    ((22.0, 4.0, -40.0), (7.0, 8.0, 9.0)),
+    ((-18.0, 14.0, -52.0), (8.0, 7.0, 8.0)),
+    ((-8.0, -20.0, -30.0), (7.0, 7.0, 9.0)),
+)
+JOINTED_VESSELS = {
+    "inlet": ((-2.0, 0.0, 26.0), (-0.2, 0.1, 0.97), 9.0, 8.0),
+    "outlet": ((3.0, 2.0, -64.0), (0.3, 0.2, -0.93), 7.0, 10.0),
+    "side": ((17.0, 4.0, 8.0), (0.9, 0.2, 0.3), 6.0, 9.0),
+}
+
+
+def pouched_ventricle():
+    plain = ventricle()
+    pouches = tuple(Ellipsoid(np.array(c), np.array(a), np.eye(3)) for c, a in POUCHES)
+    return Anatomy((*plain.primitives, *pouches), plain.blend_mm, plain.cuts, plain.seeds)
+
+
+def jointed():
+    bodies = [
+        ((0.0, 0.0, 8.0), (19.0, 16.0, 20.0)),
+        ((2.0, 1.0, -16.0), (10.0, 10.0, 16.0)),
+        ((2.0, 0.0, -44.0), (15.0, 18.0, 22.0)),
+        ((-8.0, 8.0, -48.0), (10.0, 10.0, 10.0)),
+    ]
+    return opened_body("body", bodies, JOINTED_VESSELS, (0.0, 16.0, 8.0))
+
+
+def sliding(vessels, rng, size_mm):
+    """Return a displacement of every vessel's root along the wall, the wall round it at rest."""
+    centers, shifts = [], []
+    for base, direction, radius, _ in vessels.values():
+        if radius > 10.0:
+            continue
+        direction = unit(direction)
+        shift = rng.uniform(-size_mm, size_mm, size=3)
+        centers.append(np.array(base) + 2.0 * direction)
+        shifts.append(shift - (shift @ direction) * direction)
+    return Bumps(np.array(centers), np.full(len(centers), 2.0 * SMALL_MM), np.array(shifts))
+
+
+def grown(anatomy, rng, count, size_mm):
+    """Return outward displacements at a few places of the bodies."""
+    bodies = [p for p in anatomy.primitives if isinstance(p, Ellipsoid)]
+    centers, shifts = [], []
+    for index in range(count):
+        body = bodies[index % len(bodies)]
+        direction = unit(rng.normal(size=3))
+        centers.append(body.center + body.semi_axes * direction)
+        shifts.append(rng.uniform(0.2, 1.0) * size_mm * direction)
+    return Bumps(np.array(centers), np.full(count, 1.6 * SMALL_MM), np.array(shifts))
+
+
+def scaled(bumps, amounts):
+    """Return regional displacements times a number, or one number each."""
+    amounts = np.broadcast_to(amounts, (len(bumps.centers),))
+    return Bumps(bumps.centers, bumps.radii, amounts[:, None] * bumps.displacements)
+
+
+def turned(anatomy, angles):
+    """Return a turn about the z axis, by angles (K,) at equal heights from below."""
+    low, high = anatomy.bounds()
+    count = len(angles)
+    flat = np.zeros((count, 3)), np.zeros((count, 2))
+    return Axial(np.zeros(2), np.linspace(low[2], high[2], count), *flat, np.asarray(angles))
+
+
+def joint(bend_mm, turn):
+    """Return a bend by a slope (x, y) below a joint at z = -16 and a turn there, both sudden."""
+    knots = np.array([-90.0, -50.0, -24.0, -20.0, -16.0, -12.0, -8.0, 40.0])
+    depth = np.maximum(-16.0 - knots, 0.0)[:, None]
+    shift = np.hstack([depth * np.asarray(bend_mm), np.zeros((8, 1))])
+    angles = turn * np.array([1.0, 1.0, 1.0, 0.9, 0.5, 0.1, 0.0, 0.0])
+    return Axial(np.array([2.0, 1.0]), knots, shift, np.zeros((8, 2)), angles)
+
+
+def uneven(name, subjects, phases, seed):
+    """Return the truth of a family whose shapes do not differ by smooth motions of space."""
+    anatomy = {"torsion": pouched_ventricle, "articulated": jointed}.get(name, atrium)()
+    deformations = {}
+    for index, child in enumerate(np.random.SeedSequence(seed).spawn(subjects)):
+        rng = np.random.default_rng(child)
+        pose = Affine(rng.uniform(0.94, 1.06) * np.eye(3), rng.uniform(-5.0, 5.0, size=3))
+        wall = walls(anatomy, rng, 8, 24.0, 1.6)
+        small = walls(anatomy, rng, 60, SMALL_MM, 1.3)
+        own, beating_part = sliding(ATRIUM_VESSELS, rng, 4.5), sliding(ATRIUM_VESSELS, rng, 3.0)
+        growing = grown(anatomy, rng, 4, 5.0)
+        delays = rng.uniform(0.0, 1.0, size=len(own.centers))
+        twists = rng.uniform([0.35, -0.5], [0.6, -0.2])
+        bends = rng.uniform(-0.3, 0.3, size=(2, 2))
+        turns = rng.uniform(-0.4, 0.4, size=2)
+        squeeze = rng.uniform(0.06, 0.12)
+        for phase in range(phases):
+            time = phase / phases
+            amount = 0.5 - 0.5 * np.cos(2.0 * np.pi * time)
+            late = 0.5 - 0.5 * np.cos(2.0 * np.pi * (time - 0.1))
+            motion = beat(anatomy, squeeze * amount, 0.05 * late, 3.0 * amount)
+            maps = {
+                "free-vessels": (
+                    own,
+                    scaled(beating_part, np.sin(2.0 * np.pi * (time + delays))),
+                    wall,
+                    motion,
+                ),
+                "growth": (scaled(growing, 0.4 + 0.6 * amount), wall, motion),
+                "torsion": (
+                    wall,
+                    beat(anatomy, 2.0 * squeeze * amount, 0.0, 4.0 * amount),
+                    turned(anatomy, late * np.linspace(twists[0], twists[1], 5)),
+                ),
+                "articulated": (
+                    wall,
+                    joint(bends[0] + amount * bends[1], turns[0] + late * turns[1]),
+                ),
+                "rough": (small, motion),
+            }[name]
+            deformations[ShapeId(f"S{index + 1}", f"{phase:02d}", time)] = Deformation(
+                (*maps, pose)
+            )
+    return Truth(seed, anatomy, deformations)
+
+
 def family(name, subjects, phases, seed):
     """Return the truth of a family."""
     if name == "atria":
@@ -160,7 +304,9 @@ def family(name, subjects, phases, seed):
         return beating(ventricle(), VENTRICLE_VESSELS, subjects, phases, seed)
     if name == "one-mode":
         return one_mode(subjects * phases, seed)
-    return demonstration_truth(subjects, subjects * phases, seed)
+    if name == "left-hearts":
+        return demonstration_truth(subjects, subjects * phases, seed)
+    return uneven(name, subjects, phases, seed)
 
 
 def main():
@@ -171,9 +317,13 @@ def main():
     parser.add_argument("--phases", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--edge", type=float, help="mean edge, mm")
+    parser.add_argument("--noise", type=float, default=0.0, help="of the vertices, mm")
+    parser.add_argument("--cuts", type=float, default=0.0, help="most that vessels lose, mm")
     chosen = parser.parse_args()
     truth = family(chosen.family, chosen.subjects, chosen.phases, chosen.seed)
-    print(write_population(chosen.folder, truth, chosen.edge or EDGES_MM[chosen.family]))
+    study = write_population(chosen.folder, truth, chosen.edge or EDGES_MM[chosen.family])
+    spoiled(chosen.folder, truth, chosen.noise, chosen.cuts)
+    print(study)
 
 
 if __name__ == "__main__":
