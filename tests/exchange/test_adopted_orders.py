@@ -114,3 +114,18 @@ def test_what_the_meshes_hold_at_their_points_is_carried(tmp_path):
 def test_fields_that_are_stated_wrongly_are_refused(text):
     with pytest.raises(InputError, match="--fields: expected different names"):
         stated_fields(text)
+
+
+def test_an_order_that_is_turned_in_parameter_space_is_told(tmp_path):
+    directions, faces = holed_sphere(150, [])
+    write_shapes(tmp_path / "good", directions, faces, (), [1, 1, 1])
+    good = adopt_shapes(tmp_path / "good", tmp_path / "out", SourceSettings())
+    assert not any("turned by" in note for note in good.notes)
+    write_shapes(tmp_path / "bad", directions, faces, (2, 4), [-1, -1, 1])
+    (told,) = (
+        note
+        for note in adopt_shapes(tmp_path / "bad", tmp_path / "other", SourceSettings()).notes
+        if "turned by" in note
+    )
+    assert told.startswith("p2, p4: turned by 1")
+    assert told.endswith("the order of their points may be turned against the others'")

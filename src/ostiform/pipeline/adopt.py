@@ -56,6 +56,9 @@ FEWEST_SHAPES = 4
 SEED = 0
 LEAST_VOLUME = 0.005
 """Share of area^1.5 (0.094 for a sphere) below which the sign of a volume says nothing."""
+ALIKE, TURNED_AWAY = 30.0, 90.0
+"""Degrees: shapes of one frame are turned less; by more where points are in an order turned in
+parameter space (by 180 degrees about an axis, as of spherical harmonics)."""
 MOST_FOLDED = 0.02
 """Share of the area whose triangles may turn against the mean's without being told."""
 
@@ -130,7 +133,7 @@ def adopt_shapes(
     _refuse_mirrored(found)
     shapes = corresponded(found, alignment, _groups(found.ids, per))
     stored = analysed(shapes)
-    notes = [*found.notes, *_folds(shapes)]
+    notes = [*found.notes, *_folds(shapes), *_turns(shapes)]
     store = Store(output)
     key = key_of("adopted", str(source), alignment, [str(id) for id in found.ids])
     files: dict[str, Writer] = {
@@ -209,6 +212,23 @@ def _folds(shapes: CorrespondedShapes) -> list[str]:
         if share > MOST_FOLDED:
             notes.append(f"{id}: {100.0 * share:.0f} % of the area is folded against the mean")
     return notes
+
+
+def _turns(shapes: CorrespondedShapes) -> list[str]:
+    """Return which shapes were turned far from how the others of one frame lie in their files."""
+    linear = shapes.transforms[:, :3, :3]
+    rotations = linear / np.cbrt(np.linalg.det(linear))[:, None, None]
+    traces = np.einsum("nij,mij->nm", rotations, rotations)
+    angles = np.degrees(np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0)))  # (N, N)
+    own = angles[np.median(angles, axis=1).argmin()]
+    far = own > TURNED_AWAY
+    if not far.any() or (own < ALIKE).mean() <= 0.5 or (far | (own < ALIKE)).sum() < len(own):
+        return []
+    named = ", ".join(str(id) for id, is_far in zip(shapes.ids, far, strict=True) if is_far)
+    return [
+        f"{named}: turned by {own[far].min():.0f} degrees or more to lie on the others, which lie "
+        "alike in their files: the order of their points may be turned against the others'"
+    ]
 
 
 def corresponded(
