@@ -25,7 +25,7 @@ from tests.killed_builds import (
 pytestmark = pytest.mark.xdist_group("small_results")
 
 KILLS, SEED = int(os.environ.get("KILLS", "25")), int(os.environ.get("SEED", "20"))
-COMMANDS = ("evaluate", "build")
+COMMANDS = tuple(os.environ.get("COMMANDS", "evaluate build").split())
 """In turn: all but the report, which takes longest, and all."""
 SHARE = 0.3
 """Of the time of a whole build, that one runs at most before it is killed."""
