@@ -9,6 +9,7 @@ import SimpleITK
 from ostiform.errors import InputError
 from ostiform.pipeline.check import UNLABELLED, check_study
 from ostiform.study import proposed_study, read_study
+from ostiform.study.frames import Frames
 from ostiform.study.labelmaps import read_label_map
 from ostiform.surface import enclosed_volume
 from tests.study.single_shapes import read_shape
@@ -195,3 +196,14 @@ def test_frames_that_nobody_segmented_are_left_out_and_told(tmp_path, ventricles
     nifti(tmp_path / "p1.nii.gz", [empty] * 4)
     problems = [c.problem for c in check_study(tmp_path / "study.toml") if c.problem]
     assert problems == ["shape p1/00: expected a label in some frame, found none in 4"]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_an_axis_of_time_without_frames_is_refused(tmp_path, count):
+    with pytest.raises(InputError, match=f"expected two or more frames along time, found {count}"):
+        Frames(3, np.zeros(count), None)
+    sequence(tmp_path / "p1.nrrd", SMALL, 3, "time")
+    text = (tmp_path / "p1.nrrd").read_bytes().replace(b"sizes: 3 3 3 4", b"sizes: 3 3 3 0")
+    (tmp_path / "p1.nrrd").write_bytes(text)
+    with pytest.raises(InputError, match=r"p1.nrrd"):
+        read_label_map(tmp_path / "p1.nrrd")

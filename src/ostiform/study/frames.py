@@ -37,6 +37,11 @@ class Frames:
     times: Annotated[FloatArray, Axes("n")]
     unit_s: float | None
 
+    def __post_init__(self) -> None:
+        """Refuse an axis of time without frames."""
+        if len(self.times) < 2:
+            raise InputError(f"expected two or more frames along time, found {len(self.times)}")
+
 
 def places_in_cycle(frames: Frames, length_s: float | None) -> tuple[IntArray, FloatArray]:
     """Return number (n,) and time (n,), as a fraction of the cycle, of every frame.
