@@ -22,7 +22,7 @@ pytestmark = pytest.mark.xdist_group("small_results")
 
 STORED = {
     "demonstration": (2, 34.7582),
-    "ingest": (2, 34.433681),
+    "ingest": (3, 34.433681),
     "prepare": (3, 34.834997),
     "domain": (2, 1.9248165),
     "embedding": (2, 1.3419869),
