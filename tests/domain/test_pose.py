@@ -1,5 +1,6 @@
 """Population poses: recovered motions, equivariance, every way to fix a rotation."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -184,6 +185,15 @@ def test_landmarks_do_not_depend_on_how_a_rim_is_cut_into_edges():
     faces = np.c_[np.roll(k, -1), k, np.full(len(k), len(ring))]
     points = landmarks(shape(Surface(vertices, faces, {"rim": k})))
     np.testing.assert_allclose(points["B.rim"], 0.0, atol=0.02)
+
+
+@pytest.mark.long
+def test_thirty_four_shapes_take_less_than_two_seconds(rng):
+    one = surface(MANY_HOLES, 4000)
+    shapes = [moved(shape(one), random_motion(rng), f"s{k}") for k in range(34)]
+    started = time.process_time()
+    population_poses(shapes)
+    assert time.process_time() - started < 2.0
 
 
 def test_unusable_populations_are_refused():
